@@ -1,12 +1,16 @@
 """Small blocks with known truth, for tests: cameras that no code of the engine made, points, measurements."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
+from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.ground.geodesy import move_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 
 LON, LAT, HEIGHT = 147.3, -42.85, 200.0
 
@@ -90,3 +94,23 @@ def block(
     table = GroundPoints(np.array(ids)[known], surveyed[known], role[known], noise_m)
     made = assemble(cameras, [table], rows, defaults=DefaultSigmas(noise_px, noise_m, noise_m))
     return made, truth, errors
+
+
+def move_measurements(block: Block, rows: np.ndarray | int, px: np.ndarray | Sequence[float]) -> Block:
+    """Return the block with some rows of its measurements moved by pixels ``(2,)`` or ``(n, 2)``."""
+    xy = block.measurements.xy.copy()
+    xy[rows] += px
+    return replace(block, measurements=replace(block.measurements, xy=xy))
+
+
+def move_surveys(block: Block, points: np.ndarray | int, metres: np.ndarray | Sequence[float]) -> Block:
+    """Return the block with the surveyed positions of some points moved by metres east, north, up, ``(3,)`` each."""
+    step = np.zeros((len(block.points), 3))
+    step[points] = metres
+    return replace(block, points=replace(block.points, ground=move_ground(block.points.ground, step)))
+
+
+def check_rmse_m(truth: np.ndarray, result: Adjustment) -> np.ndarray:
+    """Return the true errors of adjusted check points, RMSE east, north, up."""
+    check = result.block.points.role == Role.CHECK
+    return np.sqrt(np.mean(ground_difference_m(truth[check], result.ground[check]) ** 2, axis=0))

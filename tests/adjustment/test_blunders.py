@@ -14,7 +14,7 @@ from hrsi.hrsi_engine.adjustment.statistics.precision import compute_deletion_te
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 
 
 def spoilt(block, share, seed=7, smallest=5.0, largest=50.0):
@@ -23,9 +23,7 @@ def spoilt(block, share, seed=7, smallest=5.0, largest=50.0):
     ties = np.flatnonzero(block.points.role[block.measurements.point] == Role.TIE)
     rows = rng.choice(ties, round(share * len(ties)), replace=False)
     size, angle = rng.uniform(smallest, largest, len(rows)), rng.uniform(0, 2 * np.pi, len(rows))
-    xy = block.measurements.xy.copy()
-    xy[rows] += np.column_stack([size * np.cos(angle), size * np.sin(angle)])
-    return replace(block, measurements=replace(block.measurements, xy=xy)), rows
+    return blocks.move_measurements(block, rows, np.column_stack([size * np.cos(angle), size * np.sin(angle)])), rows
 
 
 def test_deletion_tests_are_those_of_the_definition():
@@ -42,11 +40,6 @@ def test_deletion_tests_are_those_of_the_definition():
     np.testing.assert_allclose(compute_deletion_tests(residual, cofactors, weight), expected, rtol=1e-9)
 
 
-def check_rmse(block, truth, result):
-    check = block.points.role == Role.CHECK
-    return np.sqrt(np.mean(ground_difference_m(truth[check], result.ground[check]) ** 2, axis=0))
-
-
 @pytest.mark.parametrize("share", mark_beyond(1, "thorough", [0.01, 0.1]))
 def test_snooping_finds_the_blunders(share):
     block, truth, _ = blocks.block(gcps=8, checks=100, ties=2500, count=4, seed=2)
@@ -60,7 +53,7 @@ def test_snooping_finds_the_blunders(share):
     found = np.mean(result.decision[wrong] != Decision.KEPT)
     false_alarms = np.mean(result.decision[~touched[bad.measurements.point]] != Decision.KEPT)
     misnamed = np.mean(result.decision[~wrong] == Decision.BLUNDER)
-    change = check_rmse(bad, truth, result) / check_rmse(block, truth, clean) - 1.0
+    change = blocks.check_rmse_m(truth, result) / blocks.check_rmse_m(truth, clean) - 1.0
     assert found >= 0.99
     assert false_alarms < 0.001
     assert misnamed < 0.001
@@ -73,57 +66,44 @@ def test_snooping_finds_the_blunders(share):
 def test_huber_holds_the_cameras(share, cost):
     block, truth, _ = blocks.block(gcps=8, checks=100, ties=2500, count=4, seed=2)
     bad, _ = spoilt(block, share)
-    clean = check_rmse(block, truth, adjust(block, AdjustOptions(test_sigmas=False, model="affine", reject_sigma=0.0)))
+    clean = blocks.check_rmse_m(
+        truth, adjust(block, AdjustOptions(test_sigmas=False, model="affine", reject_sigma=0.0))
+    )
     result = adjust(bad, AdjustOptions(test_sigmas=False, model="affine", robust="huber", reject_sigma=0.0))
     assert result.converged
     assert result.solves < 26
-    assert np.abs(check_rmse(bad, truth, result) / clean - 1.0).max() < cost
+    assert np.abs(blocks.check_rmse_m(truth, result) / clean - 1.0).max() < cost
 
 
 def test_two_rays_cannot_tell_which_is_wrong():
     block, _, _ = blocks.block(gcps=8, checks=0, ties=60, count=2)
     rows = block.measurements
     worst = int(np.flatnonzero((block.points.role == Role.TIE)[rows.point])[10])
-    xy = rows.xy.copy()
-    xy[worst] += [30.0, 30.0]
-    result = adjust(
-        replace(block, measurements=replace(rows, xy=xy)),
-        AdjustOptions(test_sigmas=False, model="affine", reject_sigma=4.0),
-    )
+    moved = blocks.move_measurements(block, worst, [30.0, 30.0])
+    result = adjust(moved, AdjustOptions(test_sigmas=False, model="affine", reject_sigma=4.0))
     of_point = rows.point == rows.point[worst]
     assert np.all(result.decision[of_point] == Decision.DOUBTFUL)
     assert np.isnan(result.ground[rows.point[worst]]).all()
     assert (result.decision[~of_point] == Decision.KEPT).all()
 
 
-def with_gcp_error(block, index, metres):
-    ground = block.points.ground.copy()
-    ground[index] = move_ground(ground[index : index + 1], np.array([metres]))[0]
-    return replace(block, points=replace(block.points, ground=ground))
-
-
 def test_wrong_gcp_position_is_named_and_left_out():
     block, truth, _ = blocks.block(gcps=7, checks=50, ties=0, count=2, seed=4)
-    clean = check_rmse(block, truth, adjust(block, AdjustOptions(test_sigmas=False)))
+    clean = blocks.check_rmse_m(truth, adjust(block, AdjustOptions(test_sigmas=False)))
     wrong = int(np.flatnonzero(block.points.role == Role.GCP)[2])
-    result = adjust(
-        with_gcp_error(block, wrong, [25.0, -10.0, 0.0]), AdjustOptions(test_sigmas=False, reject_sigma=4.0)
-    )
+    moved = blocks.move_surveys(block, wrong, [25.0, -10.0, 0.0])
+    result = adjust(moved, AdjustOptions(test_sigmas=False, reject_sigma=4.0))
     assert [(finding.id, finding.what, finding.left_out) for finding in result.findings] == [("P0002", "ground", True)]
     assert any("P0002" in text and "position has an error" in text for text in result.warnings)
-    assert np.all(check_rmse(block, truth, result) < 1.2 * clean)
+    assert np.all(blocks.check_rmse_m(truth, result) < 1.2 * clean)
 
 
 def test_wrong_gcp_measurement_is_told_from_a_wrong_position():
     block, _, _ = blocks.block(gcps=8, checks=0, ties=30, count=3, seed=4)
     rows = block.measurements
     row = int(np.flatnonzero((rows.point == 3) & (rows.image == 1))[0])
-    xy = rows.xy.copy()
-    xy[row] += [20.0, 15.0]
-    result = adjust(
-        replace(block, measurements=replace(rows, xy=xy)),
-        AdjustOptions(test_sigmas=False, model="affine", reject_sigma=4.0),
-    )
+    moved = blocks.move_measurements(block, row, [20.0, 15.0])
+    result = adjust(moved, AdjustOptions(test_sigmas=False, model="affine", reject_sigma=4.0))
     assert [(finding.id, finding.what) for finding in result.findings] == [("P0003", "image1")]
     assert result.decision[row] == Decision.BLUNDER
 
@@ -143,7 +123,7 @@ def test_clean_control_is_not_accused():
 
 def test_two_gcps_are_never_left_out():
     block, _, _ = blocks.block(gcps=2, checks=0, ties=30)
-    result = adjust(with_gcp_error(block, 0, [60.0, 0.0, 0.0]), AdjustOptions(test_sigmas=False, reject_sigma=4.0))
+    result = adjust(blocks.move_surveys(block, 0, [60.0, 0.0, 0.0]), AdjustOptions(test_sigmas=False, reject_sigma=4.0))
     assert not any(finding.left_out for finding in result.findings)
 
 

@@ -1,6 +1,5 @@
 """Tie-point heights held by a DEM: weak geometry mended, in spite of trees, buildings and errors of the DEM."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -99,10 +98,8 @@ def test_blunders_of_image_points_are_found_although_a_dem_holds_them():
     block, truth = weak_block(terrain, 4, tilts=(0.10, 0.19, -0.2))
     rows = block.measurements
     wrong = np.arange(0, len(rows), 45)
-    moved = rows.xy.copy()
-    moved[wrong] += [0.0, 30.0]  # across the epipolar lines
     result = adjust(
-        replace(block, measurements=replace(rows, xy=moved)),
+        blocks.move_measurements(block, wrong, [0.0, 30.0]),  # across the epipolar lines
         AdjustOptions(test_sigmas=False, dem=dirty, sigma_dem_m=SIGMA_DEM_M, reject_sigma=4.0),
     )
     assert np.mean(result.decision[wrong] != int(Decision.KEPT)) > 0.95

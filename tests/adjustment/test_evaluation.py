@@ -73,9 +73,7 @@ def test_wrong_tracks_are_those_that_are_wrong_under_every_set():
     rows = block.measurements
     wrong_points = np.array([3, 17, 40])
     first_rows = np.array([np.flatnonzero(rows.point == point)[0] for point in wrong_points])
-    xy = rows.xy.copy()
-    xy[first_rows] += [4.0, -4.0]
-    block = replace(block, measurements=replace(rows, xy=xy))
+    block = blocks.move_measurements(block, first_rows, [4.0, -4.0])
     observations, fit = fit_tracks(block, ties_of(block))
     pairs = fit_pairs(observations, fit)
     wrong = find_wrong_tracks(observations, [pairs], 6.0)

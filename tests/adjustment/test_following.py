@@ -26,9 +26,7 @@ def rows_of(block: Block, name: str) -> np.ndarray:
 
 def moved(block: Block, name: str, px: float = 3.0) -> Block:
     """Return the block with a point's first measurement elsewhere."""
-    xy = block.measurements.xy.copy()
-    xy[rows_of(block, name)[0]] += (px, -px)
-    return replace(block, measurements=replace(block.measurements, xy=xy))
+    return simulated_blocks.move_measurements(block, rows_of(block, name)[0], (px, -px))
 
 
 def without_rows(block: Block, rows: np.ndarray) -> Block:

@@ -22,7 +22,7 @@ from hrsi.hrsi_engine.adjustment.starting_values.consensus import (
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import GroundPoints, ImagePoints, Role
 from hrsi.hrsi_engine.foundation.progress import silent
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 
 TESTED = AdjustOptions(reject_sigma=4.0)
 
@@ -34,20 +34,7 @@ def with_wrong_ties(block, share, size_px, seed):
     rows = rng.choice(ties, round(share * len(ties)), replace=False)
     angle = rng.uniform(0.0, 2.0 * np.pi, len(rows))
     error = size_px * np.column_stack([np.cos(angle), np.sin(angle)])
-    xy = block.measurements.xy.copy()
-    xy[rows] += error
-    return replace(block, measurements=replace(block.measurements, xy=xy)), rows, error
-
-
-def moved(block, gcps, metres):
-    ground = block.points.ground.copy()
-    ground[gcps] = move_ground(ground[gcps], np.tile(np.array(metres, dtype=float), (len(gcps), 1)))
-    return replace(block, points=replace(block.points, ground=ground))
-
-
-def check_rmse(truth, result):
-    check = result.block.points.role == Role.CHECK
-    return np.sqrt(np.mean(ground_difference_m(truth[check], result.ground[check]) ** 2, axis=0))
+    return blocks.move_measurements(block, rows, error), rows, error
 
 
 @pytest.mark.parametrize(
@@ -68,7 +55,7 @@ def test_ties_wrong_by_the_dozen(images, share, least):
         touched = np.isin(bad.measurements.point, bad.measurements.point[rows])
         alarms, right = alarms + out[~touched].sum(), right + (~touched).sum()
         assert not result.findings  # no GCP is wrong
-        assert np.all(check_rmse(truth, result) < 1.05 * check_rmse(truth, clean))
+        assert np.all(blocks.check_rmse_m(truth, result) < 1.05 * blocks.check_rmse_m(truth, clean))
     assert found >= least * shown
     assert alarms <= 0.001 * right
 
@@ -76,7 +63,7 @@ def test_ties_wrong_by_the_dozen(images, share, least):
 @pytest.mark.parametrize("seed", mark_beyond(1, "thorough", range(4)))
 def test_two_wrong_heights_do_not_hide_each_other(seed):
     block, _, _ = blocks.block(gcps=6, checks=0, ties=100, seed=seed, drift=2e-5)
-    result = adjust(moved(block, [1, 4], [0.0, 0.0, 25.0]), TESTED)
+    result = adjust(blocks.move_surveys(block, [1, 4], [0.0, 0.0, 25.0]), TESTED)
     assert {(finding.id, finding.what, finding.left_out) for finding in result.findings} == {
         ("P0001", "height", True), ("P0004", "height", True)
     }  # fmt: skip
@@ -89,13 +76,13 @@ def test_two_wrong_heights_do_not_hide_each_other(seed):
 def test_a_group_of_gcps_that_agree_on_another_datum_is_named():
     block, _, _ = blocks.block(gcps=15, checks=0, ties=100, drift=2e-5)
     wrong = [0, 2, 5, 9, 13]
-    result = adjust(moved(block, wrong, [0.0, 0.0, -30.0]), TESTED)
+    result = adjust(blocks.move_surveys(block, wrong, [0.0, 0.0, -30.0]), TESTED)
     assert {finding.id for finding in result.findings if finding.left_out} == {f"P{k:04d}" for k in wrong}
 
 
 def test_of_two_halves_nobody_can_tell_which_is_wrong():
     block, _, _ = blocks.block(gcps=6, checks=0, ties=100, drift=2e-5)
-    result = adjust(moved(block, [0, 2, 4], [0.0, 0.0, 40.0]), TESTED)
+    result = adjust(blocks.move_surveys(block, [0, 2, 4], [0.0, 0.0, 40.0]), TESTED)
     (finding,) = result.findings
     assert not finding.left_out
     halves = [{"P0000", "P0002", "P0004"}, {"P0001", "P0003", "P0005"}]
@@ -119,7 +106,7 @@ def test_height_control_is_tested_as_such():
         sigma[:, 0] = 1000.0
         block = replace(block, points=replace(block.points, sigma_m=sigma))
         accused += len(adjust(block, TESTED).findings)
-        result = adjust(moved(block, [3], [0.0, 0.0, 25.0]), TESTED)
+        result = adjust(blocks.move_surveys(block, [3], [0.0, 0.0, 25.0]), TESTED)
         found += [(finding.id, finding.what) for finding in result.findings] == [("P0003", "height")]
     assert accused == 0
     assert found >= 9
@@ -128,7 +115,7 @@ def test_height_control_is_tested_as_such():
 def test_leaving_out_by_cofactors_is_leaving_out():
     """What `Discrepancies` says of a group equals the fall of the cost of a new solution without it."""
     block, _, _ = blocks.block(gcps=6, checks=0, ties=60, drift=2e-5)
-    rounds = Adjuster(prepare_problem(moved(block, [1, 4], [0.3, -0.2, 0.5]), AdjustOptions()))
+    rounds = Adjuster(prepare_problem(blocks.move_surveys(block, [1, 4], [0.3, -0.2, 0.5]), AdjustOptions()))
     solution = rounds.solve(None, silent)
     gcps = np.flatnonzero(rounds.problem.observations.surveyed)
     control = compute_discrepancies(rounds.problem, rounds.loop, solution, gcps)
@@ -155,7 +142,7 @@ def test_many_wrong_gcps_cost_no_solution_each():
     block, _, _ = blocks.block(gcps=60, checks=0, ties=200, drift=2e-5)
     clean = adjust(block, TESTED)
     wrong = [3, 11, 24, 25, 40, 57]
-    lateral = moved(moved(block, wrong[:3], [0.0, 0.0, 25.0]), wrong[3:], [-15.0, 10.0, 0.0])
+    lateral = blocks.move_surveys(block, wrong, np.repeat([[0.0, 0.0, 25.0], [-15.0, 10.0, 0.0]], 3, axis=0))
     result = adjust(lateral, TESTED)
     assert not clean.findings
     assert {finding.id: finding.what for finding in result.findings if finding.left_out} == {
@@ -234,4 +221,4 @@ def test_an_image_that_was_delivered_twice_does_not_stop_the_others():
     without, result = (adjust(assemble(cameras[:n], [control], measured[:n]), TESTED) for n in (2, 3))
     assert result.status == "converged" and not result.findings
     assert (result.decision == Decision.KEPT).all()
-    assert np.all(check_rmse(truth, result) < 1.1 * check_rmse(truth, without))
+    assert np.all(blocks.check_rmse_m(truth, result) < 1.1 * blocks.check_rmse_m(truth, without))

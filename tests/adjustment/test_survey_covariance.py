@@ -54,9 +54,7 @@ def test_an_infinite_variance_leaves_the_other_coordinates_their_own_sigmas():
     covariance = np.tile(np.diag([0.04, 0.09, np.inf]), (6, 1, 1))
     covariance[:, 0, 1] = covariance[:, 1, 0] = 0.03
     result = adjust(with_covariances(block, covariance), AdjustOptions(test_sigmas=False))
-    ground = block.points.ground.copy()
-    ground[:6, 2] += 50.0  # a height that is not surveyed has no say
-    moved = replace(block, points=replace(block.points, ground=ground))
+    moved = blocks.move_surveys(block, np.arange(6), [0.0, 0.0, 50.0])  # a height that is not surveyed has no say
     again = adjust(with_covariances(moved, covariance), AdjustOptions(test_sigmas=False))
     np.testing.assert_allclose(result.values, again.values, atol=1e-5)
     taking_part = (block.points.role != Role.CHECK)[block.measurements.point].sum()
@@ -85,10 +83,8 @@ def test_correlations_bring_the_residuals_to_their_share():
 
 def test_cross_validation_and_tests_take_correlated_surveys():
     block, _, _ = blocks.block(gcps=8, checks=0, ties=30, noise_m=0.1)
-    ground = block.points.ground.copy()
-    ground[2] = move_ground(ground[2:3], np.array([[25.0, -10.0, 0.0]]))[0]
     covariance = np.tile(np.array([[0.04, 0.03, 0.0], [0.03, 0.04, 0.01], [0.0, 0.01, 0.09]]), (8, 1, 1))
-    bad = with_covariances(replace(block, points=replace(block.points, ground=ground)), covariance)
+    bad = with_covariances(blocks.move_surveys(block, 2, [25.0, -10.0, 0.0]), covariance)
     result = adjust(bad, AdjustOptions(test_sigmas=False, reject_sigma=4.0, cross_validate=True, model="affine"))
     assert [(finding.id, finding.what, finding.left_out) for finding in result.findings] == [("P0002", "ground", True)]
     assert len(result.cross_validation.ids) == 7

@@ -26,7 +26,7 @@ from hrsi.hrsi_engine.adjustment.statistics.precision import CIRCLE_90, LINE_90
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.crs_operations import operations_of
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.ground.geoids import find_substitute
 from hrsi.hrsi_engine.ground.operation_uses import OperationUse, list_operation_warnings, require_strict_datums
 from hrsi.hrsi_engine.ground.proj_operations import without_heights
@@ -41,6 +41,7 @@ from hrsi.tests.ground.crs_comparison import convert_by_cs2cs, horizontal_m, rea
 from hrsi.tests.laser_scenes import laser_scene
 from hrsi.tests.ortho.scenes import camera, rpc_image, write_dem
 from hrsi.tests.simulated_blocks import block as simulated_block
+from hrsi.tests.simulated_blocks import move_surveys
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Where positions may be converted: the service and the modules that serve it.
@@ -348,9 +349,7 @@ def test_predicted_accuracies_cover_errors_drawn_from_the_stated_accuracy() -> N
     shares = []
     for seed, shift in enumerate(draws):
         block, truth, _ = simulated_block(gcps=12, checks=0, ties=40, seed=1000 + seed, noise_m=0.05)
-        gcps, ground = block.points.role == Role.GCP, block.points.ground.copy()
-        ground[gcps] = move_ground(ground[gcps], np.tile(shift, (gcps.sum(), 1)))
-        block = name_operation(replace(block, points=replace(block.points, ground=ground)), use)
+        block = name_operation(move_surveys(block, block.points.role == Role.GCP, shift), use)
         shares.append(inside(adjust(block, AdjustOptions(model="affine")), truth))
     assert (np.abs(np.mean(shares, axis=0) - 0.9) < 0.04).all()
 

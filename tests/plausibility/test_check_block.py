@@ -11,7 +11,6 @@ from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level
-from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.ground.map_crs import utm_zone
 from hrsi.hrsi_engine.plausibility import check_block
 from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
@@ -148,16 +147,10 @@ def test_point_ids_permuted(order):
     assert f"{right.points.ids[1]} is {right.points.ids[0]}" in found[0].message or not moved[0] or moved[5]
 
 
-def moved(given: Block, rows: np.ndarray, metres: tuple[float, float, float]) -> Block:
-    step = np.zeros((len(given.points), 3))
-    step[rows] = metres
-    return with_ground(given, move_ground(given.points.ground, step))
-
-
 def test_two_surveys_that_disagree():
     right = block(gcps=8, checks=0)
     wrong = np.flatnonzero(right.points.role == Role.GCP)[::2]
-    found = check_block(moved(right, wrong, (16.0, 0.0, 0.0)))
+    found = check_block(blocks.move_surveys(right, wrong, (16.0, 0.0, 0.0)))
     assert [reason.code for reason in found] == ["control-outliers"]
     assert found[0].level is Level.UNUSABLE
     assert len(found[0].points) == 4
@@ -166,7 +159,7 @@ def test_two_surveys_that_disagree():
 def test_a_few_points_off():
     right = block(gcps=12, checks=0)
     wrong = np.flatnonzero(right.points.role == Role.GCP)[[3]]
-    found = check_block(moved(right, wrong, (40.0, -30.0, 0.0)))
+    found = check_block(blocks.move_surveys(right, wrong, (40.0, -30.0, 0.0)))
     assert [(reason.code, reason.level) for reason in found] == [("control-outliers", Level.DOUBTFUL)]
     assert found[0].points == tuple(right.points.ids[wrong].tolist())
 
@@ -174,10 +167,10 @@ def test_a_few_points_off():
 def test_a_shift_beyond_every_rpc():
     right = block(ties=0)
     every = np.arange(len(right.points))
-    assert codes(moved(right, every, (60.0, 0.0, 0.0))) == {}
-    assert codes(moved(right, every, (250.0, 0.0, 0.0))) == {"control-implausible": Level.DOUBTFUL}
-    assert codes(moved(right, every, (1600.0, 0.0, 0.0))) == {"control-implausible": Level.UNUSABLE}
-    assert codes(moved(right, every, (1600.0, 0.0, 0.0)), sigma_shift_px=500.0) == {}
+    assert codes(blocks.move_surveys(right, every, (60.0, 0.0, 0.0))) == {}
+    assert codes(blocks.move_surveys(right, every, (250.0, 0.0, 0.0))) == {"control-implausible": Level.DOUBTFUL}
+    assert codes(blocks.move_surveys(right, every, (1600.0, 0.0, 0.0))) == {"control-implausible": Level.UNUSABLE}
+    assert codes(blocks.move_surveys(right, every, (1600.0, 0.0, 0.0)), sigma_shift_px=500.0) == {}
 
 
 def test_another_datum():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import simulated_blocks as blocks
 from real_control import ZY3_CONTROL, quickbird, rmse_2d, ziyuan
+from simulated_blocks import move_surveys
 
 from hrsi.hrsi_engine.adjustment import adjust
 from hrsi.hrsi_engine.block.block import Role
@@ -135,9 +136,7 @@ def test_heights_that_nothing_explains_are_found_wrong_and_not_bent_to():
     scene = lab.SceneSpec(relief_m=100.0, seed=30)
     block = lab.simulate_block(scene, views, lab.PointCounts(7, 10, 100), lab.Noise()).block
     wrong = np.flatnonzero(block.points.role == Role.GCP)[:2]
-    ground = block.points.ground.copy()
-    ground[wrong, 2] += 120.0
-    block = replace(block, points=replace(block.points, ground=ground))
+    block = move_surveys(block, wrong, [0.0, 0.0, 120.0])
     assert choose_model(block).model != "generic-affine"
     left_out = {finding.id for finding in adjust(block).findings if finding.left_out}
     assert left_out == set(block.points.ids[wrong].tolist())

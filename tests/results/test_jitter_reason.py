@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated_blocks import move_surveys
 
 from hrsi.hrsi_engine import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.jitter.spectrum import collect_line_profiles
-from hrsi.hrsi_engine.block.block import Block
+from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.io.pages.report import write_report_html
 from hrsi.hrsi_engine.io.rasters.sun_angles import read_line_rate
@@ -70,10 +71,7 @@ def test_other_advice_does_not_blame_points_or_models(shaken: BlockResult):
 def test_a_datum_error_is_still_told_beside_jitter():
     """Check points 6 m too high contradict the block by more than a vibration of 0.5 px does."""
     block = simulate_pair(0.5)
-    points = block.points
-    ground = points.ground.copy()
-    ground[points.role == 1, 2] += 6.0
-    found = assemble_results(replace(block, points=replace(points, ground=ground)))
+    found = assemble_results(move_surveys(block, block.points.role == Role.CHECK, [0.0, 0.0, 6.0]))
     assert {"jitter", "check-misfit"} <= {reason.code for reason in found.verdict.reasons}
 
 

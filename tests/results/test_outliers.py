@@ -42,9 +42,7 @@ def lengths(columns, level):
 def shifted(block, point, image, px):
     """Return a block one of whose measurements is wrong by ``px``."""
     rows = block.measurements
-    xy = rows.xy.copy()
-    xy[(rows.point == point) & (rows.image == image)] += px
-    return replace(block, measurements=replace(rows, xy=xy))
+    return blocks.move_measurements(block, (rows.point == point) & (rows.image == image), px)
 
 
 @pytest.mark.parametrize("options", [AFFINE, DRIFT], ids=["affine", "drift"])

@@ -18,7 +18,7 @@ from hrsi.hrsi_engine.adjustment.solver import adjust
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.foundation.reasons import Level, Reason
 from hrsi.hrsi_engine.foundation.thresholds import SIGNIFICANCE
-from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
+from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.plausibility import check_block
 from hrsi.hrsi_engine.refinement.model import RefitRPC
 from hrsi.hrsi_engine.results.residuals import compute_residuals
@@ -53,13 +53,6 @@ def rows_of(block: Block, role: Role) -> np.ndarray:
     return np.flatnonzero(block.points.role == role)
 
 
-def moved(block: Block, rows: np.ndarray, metres: tuple[float, float, float]) -> Block:
-    """Return the block with other surveyed positions of some points."""
-    ground = block.points.ground.copy()
-    ground[rows] = move_ground(ground[rows], np.tile(metres, (len(rows), 1)))
-    return replace(block, points=replace(block.points, ground=ground))
-
-
 def mismatched(block: Block, share: float, seed: int = 5) -> Block:
     """Return the block with a share of its tie points measured at wrong places of their first image."""
     rng = np.random.default_rng(seed)
@@ -88,7 +81,7 @@ def test_sound_blocks_have_no_reason(seed: int, gcps: int):
 
 def test_gcps_that_disagree_are_told_though_ties_fit():
     block = sound()
-    found = reasons_of(moved(block, rows_of(block, Role.GCP)[::2], (16.0, 0.0, 0.0)))
+    found = reasons_of(simulated_blocks.move_surveys(block, rows_of(block, Role.GCP)[::2], (16.0, 0.0, 0.0)))
     assert found["control-misfit"].level is Level.UNUSABLE
     assert set(found["control-misfit"].points) <= set(block.points.ids[rows_of(block, Role.GCP)])
 
@@ -96,7 +89,7 @@ def test_gcps_that_disagree_are_told_though_ties_fit():
 def test_a_single_wrong_gcp_is_left_out_and_the_rest_is_used():
     block = sound()
     wrong = rows_of(block, Role.GCP)[3:4]
-    found = reasons_of(moved(block, wrong, (0.0, 12.0, 0.0)))
+    found = reasons_of(simulated_blocks.move_surveys(block, wrong, (0.0, 12.0, 0.0)))
     assert found.keys() == {"control-outliers"}
     assert found["control-outliers"].level is Level.DOUBTFUL
     assert found["control-outliers"].points == (str(block.points.ids[wrong[0]]),)
@@ -104,14 +97,14 @@ def test_a_single_wrong_gcp_is_left_out_and_the_rest_is_used():
 
 def test_gcps_far_off_are_told_before_the_adjustment():
     block = sound()
-    (reason,) = check_block(moved(block, np.flatnonzero(block.known), (2400.0, 0.0, 0.0)))
+    (reason,) = check_block(simulated_blocks.move_surveys(block, np.flatnonzero(block.known), (2400.0, 0.0, 0.0)))
     assert (reason.code, reason.level) == ("control-implausible", Level.UNUSABLE)
     assert reason.images == tuple(image.id for image in block.images)
 
 
 def test_check_points_of_another_datum():
     block = sound()
-    found = reasons_of(moved(block, rows_of(block, Role.CHECK), (0.0, 0.0, 20.0)))
+    found = reasons_of(simulated_blocks.move_surveys(block, rows_of(block, Role.CHECK), (0.0, 0.0, 20.0)))
     assert found.keys() == {"check-misfit"} and found["check-misfit"].level is Level.UNUSABLE
 
 
@@ -121,7 +114,9 @@ def test_check_heights_off_together_are_told_though_each_fits():
     check = block.points.role == Role.CHECK
     sigma = np.sqrt(np.nanmean(evidence_of(block).result.ground_covariance_m2[check, 2, 2]))
     size = max(6.0 * float(sigma), 3.0)
-    reason = reasons_of(moved(block, rows_of(block, Role.CHECK), (0.0, 0.0, size)))["check-misfit"]
+    reason = reasons_of(simulated_blocks.move_surveys(block, rows_of(block, Role.CHECK), (0.0, 0.0, size)))[
+        "check-misfit"
+    ]
     assert "mean difference in height" in reason.message and "above the block" in reason.message
     assert "difference in east" not in reason.message
 
@@ -132,7 +127,7 @@ def test_one_of_few_gcps_that_is_wrong_is_doubtful_and_in_the_prediction(gcps: i
     """What comes out is compared with the right survey of the wrong GCP, and with the metres that it was moved by."""
     right = sound(gcps=gcps, checks=0)
     assert "control-misfit" not in reasons_of(right, AdjustOptions())
-    evidence = evidence_of(moved(right, rows_of(right, Role.GCP)[:1], step), AdjustOptions())
+    evidence = evidence_of(simulated_blocks.move_surveys(right, rows_of(right, Role.GCP)[:1], step), AdjustOptions())
     reason = {one.code: one for one in find_reasons(evidence)}["control-misfit"]
     assert reason.level is Level.DOUBTFUL
     assert right.points.ids[rows_of(right, Role.GCP)[0]] in reason.points
@@ -155,7 +150,7 @@ def test_a_minority_of_wrong_check_points_is_named_and_a_majority_refuses(
     """Six check points; without tie points the images are refined separately, which tells 20 m, too."""
     block = sound(gcps=6, checks=6, ties=ties)
     rows = rows_of(block, Role.CHECK)[:wrong]
-    block = moved(block, rows, step)
+    block = simulated_blocks.move_surveys(block, rows, step)
     verdict = judge(adjust(block, SNOOPING), check_block(block))
     if step[0] == 5.0:  # a misfit of a few sigma
         assert verdict.level is Level.DOUBTFUL or wrong == 4
@@ -339,7 +334,7 @@ def test_gcps_that_the_others_predict_badly_are_a_reason_where_no_check_points_t
 
 def test_a_named_cause_stands_alone():
     block = sound()
-    wrong = evidence_of(moved(block, rows_of(block, Role.GCP)[::2], (16.0, 0.0, 0.0)))
+    wrong = evidence_of(simulated_blocks.move_surveys(block, rows_of(block, Role.GCP)[::2], (16.0, 0.0, 0.0)))
     cause = Reason("height-datum", Level.UNUSABLE, "heights", "convert them")
     assert find_reasons(wrong, [cause]) == [cause]
     hint = replace(cause, level=Level.DOUBTFUL)
