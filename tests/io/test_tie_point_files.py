@@ -29,18 +29,6 @@ def write_match(path: Path, left: np.ndarray, right: np.ndarray, descriptors: in
     return str(path)
 
 
-@pytest.mark.parametrize("descriptors", [0, 5])
-def test_asp_matches(tmp_path, descriptors):
-    left, right = np.array([[10.5, 20.25], [30.0, 40.0]]), np.array([[11.5, 19.75], [33.0, 41.0]])
-    path = write_match(tmp_path / "run-left__right-clean.match", left, right, descriptors)
-    tables = read_points(path, image_ids=["left", "right", "ft"])
-    assert tables.pairwise
-    assert tables.ground is None
-    assert tables.image.image_ids.tolist() == ["left", "left", "right", "right"]
-    np.testing.assert_array_equal(tables.image.xy, np.vstack([left, right]))
-    assert tables.image.ids[:2].tolist() == tables.image.ids[2:].tolist()
-
-
 def test_damaged_match_files_are_refused(tmp_path):
     path = Path(write_match(tmp_path / "run-a__b.match", np.ones((3, 2)), np.ones((3, 2)), 2))
     content = path.read_bytes()

@@ -1,4 +1,4 @@
-"""`rpc-info`, `project`, `localize`, `crop`, `strip`, `fit-rpc`, `write-rpc`: every number by the RPC's own formula."""
+"""`rpc-info`, `project`, `localize`, `crop`, `fit-rpc`, `write-rpc`: every number by the RPC's own formula."""
 
 import math
 from itertools import combinations
@@ -152,28 +152,6 @@ def test_crop(scene: SimpleNamespace, tmp_path, factor: float) -> None:
         assert np.corrcoef(half.ravel(), mean.ravel())[0, 1] > 0.98 and abs(np.mean(half - mean)) < 1.0
     else:
         np.testing.assert_array_equal(gdal.Open(str(out / "image_1_crop.tif")).ReadAsArray(), whole[30:110, 20:120])
-
-
-def test_strip(scene: SimpleNamespace, tmp_path) -> None:
-    """Two parts of one image, cut by GDAL with the RPC moved by its own formula, make the image again."""
-    for number, first in ((1, 0), (2, 70)):
-        part = gdal.Translate(
-            str(tmp_path / f"part_{number}.tif"), scene.images[0], srcWin=[0, first, 160, 90], rgbExpand=None
-        )
-        items = part.GetMetadata("RPC")
-        items["LINE_OFF"] = repr(scene.cameras["image_1"].image_offset[1] - first)
-        part.SetMetadata(items, "RPC")
-        del part
-    out = tmp_path / "out"
-    parts = [str(tmp_path / f"part_{number}.tif") for number in (1, 2)]
-    run("strip", images=parts, format="gtiff", id="whole", output_dir=str(out))
-    strip = Camera(out / "whole.tif")
-    assert strip.size == (160, 160)
-    ground = scene.cameras["image_1"].localize(grid(160, 160), HEIGHT_M)
-    np.testing.assert_allclose(strip.project(ground), scene.cameras["image_1"].project(ground), atol=1e-3)
-    np.testing.assert_array_equal(
-        gdal.Open(str(out / "whole.tif")).ReadAsArray(), gdal.Open(scene.images[0]).ReadAsArray()
-    )
 
 
 def test_fit_rpc(scene: SimpleNamespace, tmp_path) -> None:
