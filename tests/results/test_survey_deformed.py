@@ -8,7 +8,7 @@ import pytest
 from hrsi.benchmarks.true_errors import run_for_harm
 from hrsi.benchmarks.wrong_inputs import Inputs, clean
 from hrsi.benchmarks.wrong_kinds import mapped
-from hrsi.hrsi_engine.results.verdict.common_deformation import fit_deformation
+from hrsi.hrsi_engine.results.verdict.ground_truth import fit_deformation
 
 RNG = np.random.default_rng(5)
 

@@ -29,7 +29,7 @@ from hrsi.hrsi_engine.results.verdict import (
     find_reasons,
     summarise_accuracy,
 )
-from hrsi.hrsi_engine.results.verdict.fields import _find_field
+from hrsi.hrsi_engine.results.verdict.evidence import _find_field
 from hrsi.hrsi_engine.results.verdict.verdict import format_figure
 
 SNOOPING = AdjustOptions(model="shift", reject_sigma=4.0)

@@ -146,12 +146,3 @@ def describe_weak_figures(keys: Sequence[str], part: Mapping[str, Any]) -> list[
         "le90_m": "height (LE90 {:.0f} m, {:.0f} times the GSD, at a base-to-height ratio of {:.2g})",
     }
     return [texts[key].format(part[key], part[key] / part["gsd_m"], part["base_to_height"]) for key in keys]
-
-
-ON_CONNECTIONS = (
-    find_ties_left_out,
-    find_unconnected_images,
-    find_untied_images,
-    find_parts_without_control,
-    find_undetermined_accuracy,
-)

@@ -1,4 +1,8 @@
-"""Heights against the block: laser points and DEM against each other, the GCPs, and the ground in the images."""
+"""Heights and surfaces against the block.
+
+Laser points and DEM are compared with each other, the GCPs, and the ground in the images; the position of the block by
+the relief of a surface with the a priori accuracy of its RPCs.
+"""
 
 from collections.abc import Iterator
 
@@ -146,10 +150,30 @@ def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
     )
 
 
-ON_HEIGHTS = (
-    find_conflicting_heights,
-    find_heights_off_rpcs,
-    find_height_scatter,
-    find_laser_canopy,
-    find_unused_laser,
-)
+def find_surface_reasons(evidence: Evidence) -> Iterator[Reason]:
+    """Yield reasons for parts that the relief displaces by more than the pointing error of their RPCs explains.
+
+    A relief that does not determine a part in plan is a reason of level OK.
+    """
+    for one in evidence.result.surfaces:
+        east, north, up = one.match.displacement_m.tolist()
+        if one.open:
+            yield Reason(
+                "not-determined",
+                Level.OK,
+                f"the relief of the surface does not determine {list_ids(one.images)} in plan: {one.open}",
+                "the position in plan follows from the RPCs alone, with the stated CE90: add GCPs or a reference "
+                "orthoimage",
+                images=one.images,
+            )
+        elif one.beyond_pointing > ROBUST.outlier:
+            yield Reason(
+                "surface-offset",
+                Level.DOUBTFUL,
+                f"matching with the relief of the surface shifts {list_ids(one.images)} by "
+                f"{np.hypot(east, north):.1f} m in plan ({east:+.1f} m east, {north:+.1f} m north, {up:+.1f} m up), "
+                f"{one.beyond_pointing:.1f} times the standard deviation (of the RPCs: {one.pointing_m:.1f} m per "
+                "coordinate)",
+                "check the georeference and height datum of the surface with one or two surveyed points",
+                images=one.images,
+            )

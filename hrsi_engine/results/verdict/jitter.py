@@ -84,6 +84,3 @@ def find_remaining_jitter(evidence: Evidence) -> Iterator[Reason]:
             "give a surface, laser points or more GCPs along the lines, or an image from another direction",
             images=tuple(result.jitter.curves),
         )
-
-
-ON_JITTER = (find_jitter, find_remaining_jitter)

@@ -11,19 +11,35 @@ from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.robust_scale import ROBUST
 from ..lineage import add_untested_error
-from . import common_deformation, connections, datums, ground_truth, heights, jitter, solution, surfaces
+from . import connections, ground_truth, heights, jitter, solution
 from .evidence import Evidence
 
-#: Every check of a finished adjustment.
+#: Every check of a finished adjustment; reasons of one level are listed in this order.
 CHECKS: tuple[Callable[[Evidence], Iterator[Reason]], ...] = (
-    *solution.ON_SOLUTION,
-    *ground_truth.ON_GROUND_TRUTH,
-    *heights.ON_HEIGHTS,
-    *connections.ON_CONNECTIONS,
-    *jitter.ON_JITTER,
-    common_deformation.find_deformed_survey,
-    *datums.ON_DATUMS,
-    surfaces.find_surface_reasons,
+    solution.find_divergence,
+    solution.find_implausible_sigmas,
+    solution.find_implausible_drifts,
+    solution.find_refit_errors,
+    ground_truth.find_check_misfit_in_images,
+    ground_truth.find_control_outliers,
+    ground_truth.find_check_point_errors,
+    ground_truth.find_leave_one_out_errors,
+    heights.find_conflicting_heights,
+    heights.find_heights_off_rpcs,
+    heights.find_height_scatter,
+    heights.find_laser_canopy,
+    heights.find_unused_laser,
+    connections.find_ties_left_out,
+    connections.find_unconnected_images,
+    connections.find_untied_images,
+    connections.find_parts_without_control,
+    connections.find_undetermined_accuracy,
+    jitter.find_jitter,
+    jitter.find_remaining_jitter,
+    ground_truth.find_deformed_survey,
+    solution.find_missing_grids,
+    solution.find_ballpark_operations,
+    heights.find_surface_reasons,
 )
 
 #: Reasons that are consequences of any wrong points.
