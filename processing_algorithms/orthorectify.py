@@ -13,7 +13,7 @@ from ..hrsi_engine.foundation.progress import stage
 from ..hrsi_engine.foundation.thresholds import LISTS
 from ..hrsi_engine.foundation.workers.scheduling import open_calls
 from ..hrsi_engine.io.catalogue.deliveries import resolve_images
-from ..hrsi_engine.io.catalogue.lineage import rpc_history
+from ..hrsi_engine.io.catalogue.lineage import read_refinement
 from ..hrsi_engine.io.opening.datasets import VIRTUAL
 from ..hrsi_engine.io.opening.files import read_json
 from ..hrsi_engine.io.output_dir import require_no_input
@@ -167,12 +167,16 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
                 entries[job.image.id] = _image_entry(job, "kept", None, 0.0)
                 continue
             begin = time.monotonic()
+            history = "as delivered"
+            if (made := read_refinement(job.image.path)) is not None:
+                run = f"HRSI {made.get('HRSI_VERSION')} on {made.get('HRSI_DATE')}"
+                history = f"refined by {run}, model {made['HRSI_MODEL']}"
             # Metadata without the time: from the same files an orthoimage has the same bytes
             lineage = {
                 "HRSI_VERSION": record["version"],
                 "HRSI_ALGORITHM": record["algorithm"],
                 "HRSI_SOURCE": os.path.basename(job.image.path),
-                "HRSI_RPC": rpc_history(job.image.path),
+                "HRSI_RPC": history,
                 "HRSI_RPC_SHA256": str(job.made_from["rpc"]),
                 "HRSI_TERRAIN": str(terrain.dem.dem or options.terrain_points or f"height {height:g} m"),
             }

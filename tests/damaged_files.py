@@ -38,7 +38,7 @@ from hrsi.hrsi_engine.io.point_files import measurements_of, read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem, open_geoid, read_geoid_heights
 from hrsi.hrsi_engine.io.rasters.images import GdalRaster, open_image
 from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_reference
-from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text, write_vrt
+from hrsi.hrsi_engine.io.rpc_files import write_rpc_text, write_vrt
 from hrsi.hrsi_engine.io.safety.array_files import PartStore
 from hrsi.hrsi_engine.io.safety.transactions import recover_folders
 from hrsi.hrsi_engine.measurement.block_matching.overview import choose_overview_step
@@ -340,7 +340,7 @@ _REAL = {".ntf": "RPC", ".nitf": "RPC", ".xml": "RPC", ".geom": "RPC", ".rpb": "
 def _make_rpc_files(folder: Path) -> None:
     rpc = sample_rpc(1, err_bias=2.0)
     write_rpc_text(str(folder / "a_RPC.TXT"), rpc)
-    write_rpb(str(folder / "b.RPB"), rpc)
+    write_rpc_text(str(folder / "b.RPB"), rpc, kind="rpb")
     write_image(folder / "c.tif", rpc, size=(40, 30))
     write_image(folder / "d.tif", rpc, ("BIGTIFF=YES", "TILED=YES", "COMPRESS=DEFLATE"), size=(40, 30))
     write_vrt(str(folder / "c.tif"), str(folder / "e.vrt"), rpc)

@@ -2,8 +2,7 @@
 
 Layers, each importing only those above it::
 
-    epipolar    affine epipolar geometry of a pair over a tile, and the map position of a disparity
     disparity   semi-global matching, and least-squares matching at every pixel
     gridding    points of one pair in the cells of the map grid; fusion of several pairs
-    tiles       heights of a tile by all pairs, from a coarse surface to the finest one
+    tiles       rectification of pairs, and heights of a tile by all pairs, from a coarse surface to the finest one
 """

@@ -16,7 +16,7 @@ from ...hrsi_engine.block.assembly import stack_image_points
 from ...hrsi_engine.block.block import Block, Image, ImagePoints, Role
 from ...hrsi_engine.foundation.errors import InputError, list_ids
 from ...hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES
-from ...hrsi_engine.io.catalogue.lineage import find_refining_report
+from ...hrsi_engine.io.catalogue.lineage import read_refinement
 from ...hrsi_engine.io.output_dir import find_image_outputs, read_report
 from ...hrsi_engine.io.point_files import PointTables, measurements_of, read_points
 from ...hrsi_engine.measurement.block_matching.search import count_points_per_cell
@@ -52,7 +52,8 @@ def find_estimation_points(files: Sequence[str], image_ids: Sequence[str]) -> Es
     """Return the points from which the RPCs of some files were estimated; None if HRSI refined none of them."""
     reports: dict[str, bool] = {}
     for file in files:
-        told = find_refining_report(file)
+        refinement = read_refinement(file)
+        told = None if refinement is None else refinement.get("HRSI_REPORT", "")
         beside = os.path.join(os.path.dirname(os.path.abspath(file)), REPORT_FILE)
         found = next((one for one in (beside, told) if one and _names_output(one, file)), None)
         if found or told is not None:

@@ -8,8 +8,7 @@ import simulated_blocks as blocks
 from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.final_model import find_judging_gcps, predict_left_out
-from hrsi.hrsi_engine.adjustment.solver import run_adjuster
+from hrsi.hrsi_engine.adjustment.solver import find_judging_gcps, predict_left_out, run_adjuster
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.refinement.selection import NESTED_MODELS
 

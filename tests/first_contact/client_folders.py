@@ -10,7 +10,7 @@ from pathlib import Path
 import folders
 from osgeo import gdal
 
-from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.processing_algorithms import run
 
 MEASURED_FIELDS = ["id", "image", "sample", "line"]
@@ -177,7 +177,7 @@ def two_rpcs_each(source: folders.Source, folder: Path) -> None:
     for number, image in enumerate(source.images):
         rpc = read_rpc(str(image)).rpc
         write_rpc_text(str(folder / f"{image.stem}_RPC.TXT"), rpc if number else rpc.shift(3.0, 0.0))
-        write_rpb(str(folder / f"{image.stem}.RPB"), rpc)
+        write_rpc_text(str(folder / f"{image.stem}.RPB"), rpc, kind="rpb")
 
 
 def jpeg2000(source: folders.Source, folder: Path) -> None:
@@ -188,7 +188,7 @@ def jpeg2000(source: folders.Source, folder: Path) -> None:
         path = folder / f"{image.stem}.JP2"
         gdal.Translate(str(path), str(image), format="JP2OpenJPEG", creationOptions=["QUALITY=100", "REVERSIBLE=YES"])
         path.with_name(f"{path.name}.aux.xml").unlink(missing_ok=True)
-        write_rpb(str(folder / f"{image.stem}.RPB"), read_rpc(str(image)).rpc)
+        write_rpc_text(str(folder / f"{image.stem}.RPB"), read_rpc(str(image)).rpc, kind="rpb")
 
 
 def quick_looks(source: folders.Source, folder: Path) -> None:

@@ -12,7 +12,7 @@ from gdal_files import write_layer, write_raster
 from osgeo import gdal, ogr, osr
 
 from hrsi.hrsi_engine.ground.geoids import geoid_heights
-from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.text_formats import geom_text
 from hrsi.hrsi_engine.io.rpc_files.xml_formats import isd_text
 from hrsi.processing_algorithms import run
@@ -278,7 +278,7 @@ def rpb_beside_images(source: Source, folder: Path) -> None:
     write_measured(source, folder)
     for image in source.images:
         without_tag(image, folder / image.name)
-        write_rpb(str(folder / f"{image.stem}.RPB"), read_rpc(str(image)).rpc)
+        write_rpc_text(str(folder / f"{image.stem}.RPB"), read_rpc(str(image)).rpc, kind="rpb")
 
 
 def geom_beside_crops(source: Source, folder: Path) -> None:
@@ -325,7 +325,7 @@ def write_product(pixels: Path, folder: Path, stem: str, kind: str) -> None:
     (folder / f"{stem}.TIF.aux.xml").unlink(missing_ok=True)
     size = gdal.Open(str(pixels))
     rpc = read_rpc(str(pixels)).rpc
-    write_rpb(str(folder / f"{stem}.RPB"), rpc)
+    write_rpc_text(str(folder / f"{stem}.RPB"), rpc, kind="rpb")
     (folder / f"{stem}.XML").write_text(isd_text(rpc))
     (folder / f"{stem}.IMD").write_text(
         f'version = "28.3";\nproductLevel = "LV1B";\nbandId = "{"P" if kind == "PAN" else "Multi"}";\n'

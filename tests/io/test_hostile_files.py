@@ -22,7 +22,7 @@ from hrsi.hrsi_engine.io.catalogue.deliveries import resolve_images
 from hrsi.hrsi_engine.io.opening.budgets import require_gcp_rows
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
-from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text, write_vrt
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text, write_vrt
 from hrsi.processing_algorithms.files.opening import parse_lines
 
 ENTRIES = 60_000
@@ -211,7 +211,7 @@ def test_numbers_of_rpcs_are_read_whole_or_refused(tmp_path: Path, ending: str, 
         write_vrt(str(tmp_path / "b.tif"), str(path), sample_rpc(1))
         path.write_text(re.sub(r'(key="LAT_OFF">)[^<]*', rf"\g<1>{text}", path.read_text("utf-8")), "utf-8")
     else:
-        (write_rpb if ending == ".RPB" else write_rpc_text)(str(path), sample_rpc(1))
+        write_rpc_text(str(path), sample_rpc(1), kind="rpb" if ending == ".RPB" else "rpc-txt")
         written = re.sub(r"(LAT_OFF: |latOffset = )[^;\n]*", rf"\g<1>{text}", path.read_text("utf-8"))
         path.write_text(written, "utf-8")
     if text in REFUSED:

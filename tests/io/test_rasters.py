@@ -20,7 +20,7 @@ from hrsi.hrsi_engine.io.rasters.images import (
     open_image_and_source,
     placement_doubt,
 )
-from hrsi.hrsi_engine.io.rpc_files import write_rpb, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 
 RPC = sample_rpc(1)
 
@@ -51,7 +51,7 @@ def test_rpc_file_alone_has_no_pixels(tmp_path: Path) -> None:
 
 def test_source_for_the_log(tmp_path: Path) -> None:
     write_image(tmp_path / "img.tif", RPC)
-    write_rpb(str(tmp_path / "img.RPB"), RPC)
+    write_rpc_text(str(tmp_path / "img.RPB"), RPC, kind="rpb")
     _image, found = open_image_and_source(str(tmp_path / "img.tif"))
     assert found.summary == "RPC from .RPB img.RPB; not used: GeoTIFF tag of img.tif"
 
@@ -59,7 +59,7 @@ def test_source_for_the_log(tmp_path: Path) -> None:
 def test_other_rpcs_are_told_with_how_far_off_they_are(tmp_path: Path) -> None:
     """Two deliveries mixed up, or a refined RPC beside the vendor's: said in pixels; the same RPC twice is no news."""
     write_image(tmp_path / "img.tif", RPC)
-    write_rpb(str(tmp_path / "img.RPB"), replace(RPC, line_off=RPC.line_off + 37.0))
+    write_rpc_text(str(tmp_path / "img.RPB"), replace(RPC, line_off=RPC.line_off + 37.0), kind="rpb")
     _image, found = open_image_and_source(str(tmp_path / "img.tif"))
     assert found.ignored == ("GeoTIFF tag of img.tif (37 px off)",)
 

@@ -20,7 +20,6 @@ from hrsi.hrsi_engine.io.rpc_files import (
     read_rpc,
     rpc_for_image,
     text_formats,
-    write_rpb,
     write_rpc_text,
     xml_formats,
 )
@@ -213,7 +212,7 @@ def test_precedence_is_gdals(real_data: Path, tmp_path: Path) -> None:
     tag = sample_rpc(1)
     image = tmp_path / "x.tif"
     write_image(image, tag)
-    write_rpb(str(tmp_path / "x.RPB"), tag.shift(1.0, 0.0))
+    write_rpc_text(str(tmp_path / "x.RPB"), tag.shift(1.0, 0.0), kind="rpb")
     write_rpc_text(str(tmp_path / "x_RPC.TXT"), tag.shift(2.0, 0.0))
     shutil.copy(real_data / "formats" / "wv_isd_xml" / "rpc_WV2.xml", tmp_path / "x.XML")
     _write_pam(tmp_path / "x.tif.aux.xml", tag.shift(3.0, 0.0))
@@ -240,8 +239,8 @@ def test_precedence_of_other_drivers_is_gdals(image: str, beside: str, with_pam:
     auxiliary = tmp_path / f"{image}.aux.xml"
     if not with_pam and auxiliary.exists():
         auxiliary.unlink()
-    write = write_rpb if beside.endswith(".RPB") else write_rpc_text
-    write(str(tmp_path / beside), rpc.shift(100.0, 0.0))
+    kind = "rpb" if beside.endswith(".RPB") else "rpc-txt"
+    write_rpc_text(str(tmp_path / beside), rpc.shift(100.0, 0.0), kind=kind)
     if not with_pam and image.endswith(("img", "png")):  # GDAL finds nothing; the file beside counts here
         assert read_rpc(str(tmp_path / image)).rpc == rpc.shift(100.0, 0.0)
     else:
@@ -264,7 +263,7 @@ def test_vrt_takes_its_own_rpc_first(tmp_path: Path) -> None:
     rpc = sample_rpc(3)
     write_image(tmp_path / "y.tif", rpc)
     gdal.Translate(str(tmp_path / "x.vrt"), str(tmp_path / "y.tif"))
-    write_rpb(str(tmp_path / "x.RPB"), rpc.shift(1.0, 1.0))
+    write_rpc_text(str(tmp_path / "x.RPB"), rpc.shift(1.0, 1.0), kind="rpb")
     assert largest_difference_px(rpc, read_rpc(str(tmp_path / "x.vrt")).rpc) < 1e-7  # GDAL rounds to 15 digits
     assert largest_difference_px(rpc, gdal_rpc(tmp_path / "x.vrt")) < 1e-7
 

@@ -13,7 +13,7 @@ from rpc_samples import sample_rpc
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.opening.budgets import RPC_BUDGETS, RPC_RANGES
-from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, read_rpc, text_formats, write_rpb, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import RPC_READERS, read_rpc, text_formats, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import SCALARS, gdal_metadata, rpc_from_entries
 
 WITHIN = [
@@ -73,7 +73,7 @@ def test_the_middle_has_a_place_in_the_image(axis: str, numerator: float, denomi
 def test_text_formats_keep_every_double(rpc: RPC, folder: Path) -> None:
     write_rpc_text(str(folder / "x_RPC.TXT"), rpc)
     assert read_rpc(str(folder / "x_RPC.TXT")).rpc == rpc
-    write_rpb(str(folder / "x.RPB"), rpc)
+    write_rpc_text(str(folder / "x.RPB"), rpc, kind="rpb")
     assert read_rpc(str(folder / "x.RPB")).rpc == rpc
     assert rpc_from_entries("metadata", gdal_metadata(rpc)) == rpc
 

@@ -19,7 +19,6 @@ from hrsi.hrsi_engine.io.rpc_files import (
     read_rpc,
     tiff_tag,
     write_geotiff_copy,
-    write_rpb,
     write_rpc_text,
     write_vrt,
 )
@@ -209,7 +208,7 @@ def test_sidecars_that_would_win_are_set_aside_and_come_back(tmp_path: Path, rea
     image = tmp_path / "x.tif"
     write_image(image, OLD)
     for name in ("x.RPB", "x_RPC.TXT"):
-        (write_rpb if name.endswith("RPB") else write_rpc_text)(str(tmp_path / name), sample_rpc(6))
+        write_rpc_text(str(tmp_path / name), sample_rpc(6), kind="rpb" if name.endswith("RPB") else "rpc-txt")
         text = (tmp_path / name).read_text()
         (tmp_path / name).write_text(text.replace("HRSI", "vendor"))
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
@@ -295,7 +294,7 @@ def _warped(path: Path) -> np.ndarray:
 
 def test_sidecar_keeps_the_vendors_and_says_what_wins(tmp_path: Path) -> None:
     write_image(tmp_path / "x.tif", OLD)
-    write_rpb(str(tmp_path / "x.RPB"), OLD)
+    write_rpc_text(str(tmp_path / "x.RPB"), OLD, kind="rpb")
     (tmp_path / "x_rpc.txt").write_text("vendor's")
     with Transaction(str(tmp_path)) as changes:
         notices = prepare_sidecar(str(tmp_path / "x_RPC.TXT"), NEW, changes)
@@ -307,9 +306,9 @@ def test_sidecar_keeps_the_vendors_and_says_what_wins(tmp_path: Path) -> None:
 
 
 def test_gdal_reads_the_text_formats_exactly(tmp_path: Path) -> None:
-    for name, write in (("x.RPB", write_rpb), ("x_RPC.TXT", write_rpc_text)):
+    for name, kind in (("x.RPB", "rpb"), ("x_RPC.TXT", "rpc-txt")):
         write_image(tmp_path / "x.tif", None)
-        write(str(tmp_path / name), NEW)
+        write_rpc_text(str(tmp_path / name), NEW, kind=kind)
         assert rpc_from_entries("GDAL", gdal.Open(str(tmp_path / "x.tif")).GetMetadata("RPC")) == NEW
         (tmp_path / name).unlink()
 
@@ -321,7 +320,7 @@ def test_round_trip_of_every_real_rpc(real_data: Path, tmp_path: Path) -> None:
         lambda rpc: write_in_place(str(tmp_path / "b.tif"), rpc),
         lambda rpc: write_vrt(str(tmp_path / "in.tif"), str(tmp_path / "out" / "c.vrt"), rpc),
         lambda rpc: write_rpc_text(str(tmp_path / "out" / "d_RPC.TXT"), rpc),
-        lambda rpc: write_rpb(str(tmp_path / "out" / "e.RPB"), rpc),
+        lambda rpc: write_rpc_text(str(tmp_path / "out" / "e.RPB"), rpc, kind="rpb"),
     )
     files = ("out/a.tif", "b.tif", "out/c.vrt", "out/d_RPC.TXT", "out/e.RPB")
     write_image(tmp_path / "in.tif", None)

@@ -17,7 +17,7 @@ import hrsi
 from hrsi.hrsi_engine.camera.rpc import RPC
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.io.rasters.images import open_image
-from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpb, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.processing_algorithms import run
 
 CAMERA = sample_rpc(1)
@@ -96,7 +96,7 @@ def write_rich_image(path: Path) -> np.ndarray:
     made.GetRasterBand(1).GetMaskBand().WriteArray(mask)
     made.BuildOverviews("NEAREST", [2, 4])  # which lie half a pixel off
     del made
-    write_rpb(str(path.with_suffix(".RPB")), CAMERA)
+    write_rpc_text(str(path.with_suffix(".RPB")), CAMERA, kind="rpb")
     return bands
 
 

@@ -13,7 +13,7 @@ from osgeo import gdal
 from scipy import ndimage
 
 from hrsi.hrsi_engine.dense.disparity import compute_disparities, normalise_contrast
-from hrsi.hrsi_engine.dense.epipolar import rectify_tile
+from hrsi.hrsi_engine.dense.tiles import rectify_tile
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.hrsi_engine.ground.crs_operations import operations_of
 from hrsi.hrsi_engine.io.output_dir import read_report

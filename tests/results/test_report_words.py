@@ -11,7 +11,7 @@ from rpc_samples import sample_rpc, write_image
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.refinement.model_table import describe_parameter
 from hrsi.hrsi_engine.refinement.models import MODELS
-from hrsi.hrsi_engine.results.image_facts import describe_acquisition
+from hrsi.hrsi_engine.results.block_results import describe_acquisition
 
 
 def test_every_parameter_has_unit_and_meaning() -> None:

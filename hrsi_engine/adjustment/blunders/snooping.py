@@ -124,11 +124,9 @@ class Snooping:
         squares, freedom = self.estimate_tie_variance_by_rays(solution, present)
         everything = replace(present, image=self.image_weight)
         if (present.image != self.image_weight).any():
-            squares = compute_point_squares(problem.equations, solution, everything, observations)
-        decision, failed = check_ties(
-            problem.equations, observations, solution, everything, points, problem.options.reject_sigma,
-            self.found.tie_variance, freedom, squares, solution.weight > 0.0,
-        )  # fmt: skip
+            squares = compute_point_squares(problem, solution, everything)
+        variance = self.found.tie_variance, freedom
+        decision, failed = check_ties(problem, solution, everything, points, squares, variance)
         judged = points[observations.point]
         previous = self.found.failed if self.found.failed is not None else np.full_like(failed, np.nan)
         decision = np.where(judged, decision, self.found.decision)
@@ -139,7 +137,7 @@ class Snooping:
     def estimate_tie_variance_by_rays(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
         """Estimate the variance factor of tie points by rays; return their squares and its degrees of freedom."""
         observations = self.problem.observations
-        squares = compute_point_squares(self.problem.equations, solution, present, observations)
+        squares = compute_point_squares(self.problem, solution, present)
         rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
         self.found.tie_variance, freedom = estimate_tie_variance(observations, squares, rays, self.ties)
         return squares, freedom

@@ -27,9 +27,10 @@ import numpy as np
 from scipy import special
 
 from ...foundation.thresholds import EQUALITY, ITERATIONS, REDUNDANCY, SAMPLES, threshold, thresholds
-from ..equations import NormalEquations, PointPriors
+from ..equations import PointPriors
 from ..gauss_newton import Solution, Weighting
 from ..observations import Observations
+from ..preparation.problem import Problem
 from ..result import Decision
 from ..starting_values.consensus import list_ray_pairs
 from ..statistics.precision import compute_deletion_tests
@@ -86,35 +87,60 @@ def tie_test_limit(sigmas: float, rays: int) -> float:
     return critical_value(sigmas, 1) if rays == 2 else critical_value(sigmas, 2, max(rays, 1))
 
 
-def compute_point_squares(
-    equations: NormalEquations, solution: Solution, weighting: Weighting, observations: Observations
-) -> np.ndarray:
+def compute_point_squares(problem: Problem, solution: Solution, weighting: Weighting) -> np.ndarray:
     """Return each point's smallest weighted sum of squares with fixed cameras, ``(m,)``."""
     normals = solution.normals  # the points' parts do not depend on which points contribute to the cameras
     if weighting is not solution.weighting or not (solution.factor == 1.0).all():
-        nobody = np.zeros(len(observations.points), dtype=bool)
-        normals = equations.form_normals(solution.state, weighting.image, weighting.points, nobody)
+        nobody = np.zeros(len(problem.observations.points), dtype=bool)
+        normals = problem.equations.form_normals(solution.state, weighting.image, weighting.points, nobody)
     lengths = np.einsum("nc,nc->n", normals.residual, normals.residual) * weighting.image
     gain = np.einsum("mi,mij,mj->m", normals.point_right, normals.inverse, normals.point_right)
-    return np.add.reduceat(lengths, observations.first[:-1]) - gain
+    return np.add.reduceat(lengths, problem.observations.first[:-1]) - gain
 
 
 def check_ties(
-    equations: NormalEquations, observations: Observations, solution: Solution, all_in: Weighting, ties: np.ndarray,
-    sigmas: float, variance: float, freedom: float, squares: np.ndarray, in_solution: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return a `Decision` for every measurement ``(n,)``, and the test values (sigmas) of those that failed, else NaN.
+    problem: Problem,
+    solution: Solution,
+    all_in: Weighting,
+    ties: np.ndarray,
+    squares: np.ndarray,
+    variance: tuple[float, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Decide on the measurements of tie points with the cameras of a solution.
 
-    Every point starts with all its measurements again (weighting ``all_in``), so that one that was left out with worse
-    cameras can be accepted again. ``ties (m,)`` are the points to test; ``variance`` is their variance factor with
-    ``freedom`` degrees of freedom, ``squares (m,)`` are the points' sums of squares with all measurements, ``used
-    (n,)`` the measurements used for the solution.
+    Every point starts with all its measurements again, so that one that was left out with worse cameras can be accepted
+    again.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its ``reject_sigma`` is the limit of the tests.
+    solution : Solution
+        Cameras, positions and residuals; its measurements with weight determine the common part of the residuals.
+    all_in : Weighting
+        Weights of all measurements, and the points' priors.
+    ties : (m,) ndarray of bool
+        The points to test.
+    squares : (m,) ndarray
+        Weighted sums of squares of the points with all their measurements (`compute_point_squares`).
+    variance : (factor, freedom)
+        Variance factor of the tie points and its degrees of freedom (`estimate_tie_variance`).
+
+    Returns
+    -------
+    decision : (n,) ndarray of int8
+        A `Decision` for every measurement.
+    failed : (n,) ndarray of float32
+        Test values (sigmas) of those that failed, NaN for the others.
     """
+    observations, sigmas = problem.observations, problem.options.reject_sigma
+    factor, freedom = variance
+    in_solution = solution.weight > 0.0
     decision = np.full(observations.count, int(Decision.KEPT), dtype=np.int8)
     failed = np.full(observations.count, np.nan, dtype=np.float32)
     lengths = np.diff(observations.first)
     limit_by_rays = np.array([tie_test_limit(sigmas, rays) for rays in range(int(lengths.max(initial=0)) + 1)])
-    suspicious = np.flatnonzero(ties & (squares > limit_by_rays[lengths] * variance))
+    suspicious = np.flatnonzero(ties & (squares > limit_by_rays[lengths] * factor))
     rays = lengths[suspicious]
     groups: list[tuple[np.ndarray, PointRays]] = []
     if not len(suspicious):
@@ -135,7 +161,7 @@ def check_ties(
             weight = huber(distance / max(float(np.median(distance)), 1e-9))
     for length in np.unique(rays):
         points = suspicious[rays == length]
-        rows, linear = equations.linearise_points(solution.state, points)
+        rows, linear = problem.equations.linearise_points(solution.state, points)
         detrended = linear.residual - np.einsum(
             "nt,ntc->nc", _list_terms(observations, rows), trends[observations.image[rows]]
         )
@@ -146,7 +172,7 @@ def check_ties(
                 PointRays(
                     detrended.reshape(-1, length, 2),
                     linear.by_ground.reshape(-1, length, 2, 3),
-                    np.minimum(all_in.image[rows] / variance, RAYS.least_sigma_px**-2),
+                    np.minimum(all_in.image[rows] / factor, RAYS.least_sigma_px**-2),
                     all_in.points,
                     points,
                 ),

@@ -1,7 +1,8 @@
 """From the last solution to an `Adjustment`: arrays in the order of the block, sigma0, and warnings."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,6 +55,95 @@ class RoundFindings:
     left_out_surveys: tuple[float, float] = (0.0, 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class FinalEstimate:
+    """The last solution of an adjustment, its precision, and what follows from both.
+
+    solution, precise : with parts that only RPCs determine at the RPCs' position (`keep_rpc_position`)
+    cameras : final cameras (`compute_final_cameras`), and positions and residuals by these
+    sigma0 : square root of the variance factor of all observations
+    """
+
+    problem: Problem
+    loop: GaussNewton
+    findings: RoundFindings
+    solution: Solution
+    precise: Precision
+    cameras: FinalCameras
+    sigma0: float
+
+    @cached_property
+    def is_placed(self) -> np.ndarray:
+        """Mask ``(m,)`` of points with a position: also check points, but none whose measurements were all rejected."""
+        observations = self.problem.observations
+        return self.solution.weighting.contributes | observations.located | ~observations.contributing_points
+
+    @cached_property
+    def points_per_error(self) -> np.ndarray:
+        """Numbers ``(images,)`` of tie points that share an error, if only these determine the drift (`common_drift`)."""
+        observations = self.problem.observations
+        return count_points_per_error(observations.cameras, self.loop.common)[observations.camera_of_image]
+
+    @cached_property
+    def shared_shifts(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Effect on points of errors of coordinate operations and of the pointing of passes, None without any.
+
+        Further columns are the uncertainty of jitter. The movement of each point by one standard deviation of each
+        error, ``(m, 3, e)`` in metres; and the part of these errors in the covariances, where they are treated as
+        independent, ``(m, 3, 3)`` in m².
+        """
+        problem, loop, solution, observations = self.problem, self.loop, self.solution, self.problem.observations
+        of_surveys = problem.block.points.operation_shifts_m(observations.points)
+        operations, passes = of_surveys[observations.surveyed].any(), []
+        # The cameras of each pass with several images, if only their a priori pointing determines them
+        believed = np.isfinite(problem.prior_weight).all(axis=1) & (problem.prior_weight > 0.0).all(axis=1)
+        for part in problem.parts:
+            if part.gcps or part.places:
+                believed[observations.camera_of_image[part.images]] = False
+        for images in find_passes(observations.images):
+            cameras = np.unique(observations.camera_of_image[images])
+            cameras = cameras[believed[cameras]]
+            believed[cameras] = False  # tiles of one camera can have different start times
+            passes += [cameras] if len(cameras) > 1 else []
+        jitter = problem.options.jitter_estimate
+        if not operations and not passes and jitter is None:
+            return None
+        shifted, excess = [np.zeros_like(of_surveys)], np.zeros((len(of_surveys), 3, 3))
+        if operations:
+            shifted = [propagate_shifts(loop, solution, observations.surveyed, of_surveys)]
+        with np.errstate(divide="ignore"):
+            sigma = 1.0 / np.sqrt(problem.prior_weight)
+        for cameras in passes:
+            pointing = np.flatnonzero(~problem.camera.drifts)
+            shifts, too_much = propagate_pointing(loop, solution, sigma, cameras, pointing)
+            shifted.append(shifts)
+            excess += too_much
+        if jitter is not None:
+            shifted.append(propagate_jitter(loop, solution, problem.camera, jitter))
+        return np.concatenate(shifted, axis=2), excess
+
+    def expand_points(self, values: np.ndarray) -> np.ndarray:
+        """Return values of all points of the block from those of the points in solver order ``(m, …)``; NaN elsewhere."""
+        return _expand_rows(len(self.problem.block.points), self.problem.observations.points, values)
+
+
+class PointCovariances(NamedTuple):
+    """Covariances of points in m², from which sigmas, ellipses and predicted accuracies are derived.
+
+    points : (points, 3, 3) of the block's points, NaN without position or with a survey rejected as wrong
+    sigma_m : (points, 3) standard deviations, with the errors of coordinate operations
+    without_survey : (m, 3, 3) of the points in solver order, GCPs without their own survey, with those errors
+    camera_factor : (images,) variance factor of each image's parameters
+    widened : factor of predicted standard deviations by the GCPs' leave-one-out errors
+    """
+
+    points: np.ndarray
+    sigma_m: np.ndarray
+    without_survey: np.ndarray
+    camera_factor: np.ndarray
+    widened: float
+
+
 def assemble_adjustment(
     problem: Problem, loop: GaussNewton, round_findings: RoundFindings, solution: Solution, precise: Precision
 ) -> Adjustment:
@@ -67,16 +157,9 @@ def assemble_adjustment(
     own_covariance = slice(len(problem.model.parameters))  # followed by the drift that the model does not contain
     prior_share = _compute_prior_share(loop, precise.parameters)[:, own_covariance]
     cameras = compute_final_cameras(problem, loop, solution)
-    points, camera = observations.points, observations.camera_of_image
-    cofactors = precise.cameras[loop.pattern.diagonal[camera]]  # of each image's own parameters
-    # check points have positions, too; a point whose measurements were all rejected has none
-    placed = solution.weighting.contributes | observations.located | ~observations.contributing_points
-    points_per_error = count_points_per_error(observations.cameras, loop.common)[camera]
-    shared_shifts = _propagate_shared_errors(problem, loop, solution)
-    covariance, sigma_m, without_surveys, factor, widened = _scale_covariances(
-        problem, round_findings, solution, precise, cameras, sigma0, points_per_error, placed, shared_shifts
-    )
-    parts = describe_parts(problem, solution, without_surveys, prior_share, widened)
+    final = FinalEstimate(problem, loop, round_findings, solution, precise, cameras, sigma0)
+    covariances = _scale_covariances(final)
+    parts = describe_parts(problem, solution, covariances.without_survey, prior_share, covariances.widened)
     plan = _judge_plan(problem, solution, precise)
     # Agreement of the external heights with the points, and the result of each laser point
     heights: tuple[HeightAgreement, ...] = ()
@@ -91,15 +174,16 @@ def assemble_adjustment(
             laser = problem.laser.report_points(of_laser, solution.state.ground)
     horizontal, height, correlated = (max(sigma0, 1.0) * one for one in round_findings.survey_factors)
     warnings = warn_of_result(problem, loop, prior_share, parts, heights, plan)
+    camera, factor = observations.camera_of_image, covariances.camera_factor
+    cofactors = precise.cameras[loop.pattern.diagonal[camera]]  # of each image's own parameters
+    shifts = final.shared_shifts
     return Adjustment(
         block=block, model=problem.model, values=cameras.values[camera],
         values_sigma=np.sqrt(factor[:, None] * precise.parameters[camera][:, own_covariance]),
         cameras=CameraEstimates(problem.camera, solution.state.values[camera], factor[:, None, None] * cofactors),
-        ground=_expand_rows(len(block.points), points, np.where(placed[:, None], cameras.ground, np.nan)),
-        ground_sigma_m=sigma_m, ground_covariance_m2=covariance,
-        **_describe_measurements(
-            problem, round_findings, solution, precise, cameras.residual, placed[observations.point]
-        ),
+        ground=final.expand_points(np.where(final.is_placed[:, None], cameras.ground, np.nan)),
+        ground_sigma_m=covariances.sigma_m, ground_covariance_m2=covariances.points,
+        **_describe_measurements(final),
         observations=observed, redundancy=redundancy, unknowns=unknowns, sigma0=sigma0,
         converged=solution.converged, status=solution.status,
         history=tuple(loop.history), solves=loop.solves, findings=tuple(round_findings.findings),
@@ -108,117 +192,65 @@ def assemble_adjustment(
         surfaces=tuple(one.summarise(observations.points) for one in problem.surface_plans),
         rpcs_alone_m=_measure_rpcs_alone_m(problem, solution),
         rpcs_height_sigma_m=by_rpcs.sigma_m if by_rpcs else None, laser=laser, tests=round_findings.tests,
-        survey_factors=(horizontal, height, correlated), choice=problem.choice,
-        joint=_join_cameras(problem, loop, solution, cameras.squares, points_per_error),
-        shared_shifts_m=None if shared_shifts is None else _expand_rows(len(block.points), points, shared_shifts[0]),
+        survey_factors=(horizontal, height, correlated), choice=problem.choice, joint=_join_cameras(final),
+        shared_shifts_m=None if shifts is None else final.expand_points(shifts[0]),
         jitter=problem.options.jitter_estimate,
     )  # fmt: skip
 
 
-def _scale_covariances(
-    problem: Problem,
-    round_findings: RoundFindings,
-    solution: Solution,
-    precise: Precision,
-    cameras: FinalCameras,
-    sigma0: float,
-    points_per_error: np.ndarray,
-    placed: np.ndarray,
-    shared_shifts: tuple[np.ndarray, np.ndarray] | None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return the covariances in m² from which sigmas, ellipses and predicted accuracies are derived.
+def _scale_covariances(final: FinalEstimate) -> PointCovariances:
+    """Return the covariances of the points: cofactors times variance factors, plus the known systematic errors.
 
-    They are those of the block's points ``(points, 3, 3)``, NaN without position or with a survey rejected as wrong;
-    standard deviations ``(points, 3)`` with the errors of coordinate operations; covariances of the points in solver
-    order ``(m, 3, 3)``, GCPs without their own survey, with those errors; the variance factor of each image's
-    parameters ``(images,)``; and the factor of predicted standard deviations by the GCPs' leave-one-out errors.
-    ``points_per_error (images,)`` is a further factor of the cameras' share in the points' cofactors (`common_drift`).
+    The cameras' share in the cofactors is further multiplied by the tie points per error (`common_drift`).
     """
-    observations = problem.observations
+    problem, solution, precise = final.problem, final.solution, final.precise
+    observations, points_per_error, unit_variance = (
+        problem.observations,
+        final.points_per_error,
+        max(final.sigma0, 1.0) ** 2,
+    )
     image = observations.image[observations.first[:-1]]
     # Without GCPs the RPCs' error terms determine a part, and these do not depend on the residuals of image points. A
     # sigma0 below 1 is also that of the image points: it makes no survey better than stated.
-    of_part = np.array([max(sigma0, 1.0) ** 2 if part.gcps else 1.0 for part in problem.parts])
-    factor = of_part[_number_parts(problem)]
+    factor = np.array([unit_variance if part.gcps else 1.0 for part in problem.parts])[_number_parts(problem)]
     of_point, systematic = factor[image, None, None], np.zeros_like(precise.points)
     by_cameras = np.flatnonzero(points_per_error[image] > 1.0)
     of_cameras = precise.points[by_cameras] - solution.normals.inverse[by_cameras]
     systematic[by_cameras] = ((points_per_error - 1.0) * factor)[image[by_cameras], None, None] * of_cameras
-    without_drift = ground_difference_m(cameras.ground, solution.state.ground)  # a known error that remains
+    without_drift = ground_difference_m(final.cameras.ground, solution.state.ground)  # a known error that remains
     systematic += without_drift[:, :, None] * without_drift[:, None, :]
     if problem.height_observations is not None:
         systematic[:, 2, 2] += problem.height_observations.find_unweighted_variance(
             solution.weighting.points, solution.state.ground, solution.normals.inverse, precise.points
         )
     left_out = observations.surveyed & ~solution.weighting.points.held  # wrong surveys: their covariances are not valid
-    is_known = (placed & ~left_out)[:, None, None]
+    is_known = (final.is_placed & ~left_out)[:, None, None]
     covariance = np.where(is_known, of_point * precise.points + systematic, np.nan)
     without_survey = of_point * predict_without_surveys(problem, solution, precise) + systematic
     without_survey[np.isnan(covariance)] = np.nan
-    squares, freedom = round_findings.left_out_surveys
+    squares, freedom = final.findings.left_out_surveys
     stated = REDUNDANCY.stated
-    widened = np.sqrt(max((stated + squares / max(sigma0, 1.0) ** 2) / (stated + freedom), 1.0))
+    widened = float(np.sqrt(max((stated + squares / unit_variance) / (stated + freedom), 1.0)))
     of_shifts: np.ndarray | float = 0.0
-    if shared_shifts is not None:
-        shifts, excess = shared_shifts
+    if final.shared_shifts is not None:
+        shifts, excess = final.shared_shifts
         covariance, without_survey = covariance - excess, without_survey - excess + shifts @ shifts.swapaxes(1, 2)
         of_shifts = np.sum(shifts**2, axis=2)
     with np.errstate(invalid="ignore"):
         sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2) + of_shifts)
-    expanded, sigma = (_expand_rows(len(problem.block.points), observations.points, one) for one in (covariance, sigma))
-    return expanded, sigma, without_survey, factor * points_per_error, float(widened)
+    expanded, sigma_m = final.expand_points(covariance), final.expand_points(sigma)
+    return PointCovariances(expanded, sigma_m, without_survey, factor * points_per_error, widened)
 
 
-def _propagate_shared_errors(
-    problem: Problem, loop: GaussNewton, solution: Solution
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the effect on points of errors of coordinate operations and of the pointing of passes, None without any.
-
-    Further columns are the uncertainty of jitter. The results are the movement of each point by one standard deviation
-    of each error, ``(m, 3, e)``; and the part of these errors in the covariances, where they are treated as
-    independent, ``(m, 3, 3)``.
-    """
-    observations = problem.observations
-    of_surveys = problem.block.points.operation_shifts_m(observations.points)
-    operations, passes = of_surveys[observations.surveyed].any(), []
-    # The cameras of each pass with several images, if only their a priori pointing determines them
-    believed = np.isfinite(problem.prior_weight).all(axis=1) & (problem.prior_weight > 0.0).all(axis=1)
-    for part in problem.parts:
-        if part.gcps or part.places:
-            believed[observations.camera_of_image[part.images]] = False
-    for images in find_passes(observations.images):
-        cameras = np.unique(observations.camera_of_image[images])
-        cameras = cameras[believed[cameras]]
-        believed[cameras] = False  # tiles of one camera can have different start times
-        passes += [cameras] if len(cameras) > 1 else []
-    jitter = problem.options.jitter_estimate
-    if not operations and not passes and jitter is None:
-        return None
-    shifted, excess = [np.zeros_like(of_surveys)], np.zeros((len(of_surveys), 3, 3))
-    if operations:
-        shifted = [propagate_shifts(loop, solution, observations.surveyed, of_surveys)]
-    with np.errstate(divide="ignore"):
-        sigma = 1.0 / np.sqrt(problem.prior_weight)
-    for cameras in passes:
-        pointing = np.flatnonzero(~problem.camera.drifts)
-        shifts, too_much = propagate_pointing(loop, solution, sigma, cameras, pointing)
-        shifted.append(shifts)
-        excess += too_much
-    if jitter is not None:
-        shifted.append(propagate_jitter(loop, solution, problem.camera, jitter))
-    return np.concatenate(shifted, axis=2), excess
-
-
-def _join_cameras(
-    problem: Problem, loop: GaussNewton, solution: Solution, squares: np.ndarray, points_per_error: np.ndarray
-) -> JointCameras:
-    """Return the cameras' joint normal equations for later adjustments, divided by ``points_per_error``."""
-    pattern, observations, fixed = loop.pattern, problem.observations, np.isinf(loop.prior_weight)
+def _join_cameras(final: FinalEstimate) -> JointCameras:
+    """Return the cameras' joint normal equations for later adjustments, divided by the tie points per error."""
+    problem, loop, solution, observations = final.problem, final.loop, final.solution, final.problem.observations
+    pattern, fixed = loop.pattern, np.isinf(loop.prior_weight)
     blocks = solution.normals.blocks.copy()
     of_model = np.arange(pattern.parameters)
     blocks[pattern.diagonal[:, None], of_model, of_model] += np.where(fixed, 0.0, loop.prior_weight)
     scale = np.ones(pattern.cameras)
-    scale[observations.camera_of_image] = points_per_error
+    scale[observations.camera_of_image] = final.points_per_error
     blocks /= scale[pattern.rows][:, None, None]
     gcps = np.array([part.gcps for part in problem.parts])[_number_parts(problem)]
     return JointCameras(
@@ -230,25 +262,16 @@ def _join_cameras(
         pattern.columns,
         blocks,
         fixed,
-        squares,
+        final.cameras.squares,
         gcps,
     )
 
 
-def _describe_measurements(
-    problem: Problem,
-    round_findings: RoundFindings,
-    solution: Solution,
-    precise: Precision,
-    residual: np.ndarray,
-    placed: np.ndarray,
-) -> dict[str, Any]:
-    """Return the fields of an `Adjustment` that have a row for each measurement of the block.
-
-    ``residual (n, 2)`` are those by the final cameras; ``placed (n,)`` is True if a measurement's point has a position.
-    """
+def _describe_measurements(final: FinalEstimate) -> dict[str, Any]:
+    """Return the fields of an `Adjustment` that have a row for each measurement of the block."""
+    problem, solution, precise, round_findings = final.problem, final.solution, final.precise, final.findings
     block, rows, count = problem.block, problem.observations.rows, len(problem.block.measurements)
-    is_kept = (solution.weight > 0.0) & placed
+    is_kept = (solution.weight > 0.0) & final.is_placed[problem.observations.point]
     # Redundancy numbers, and test values in standard deviations by the tie points' own variance factor; NaN for
     # measurements that are not used
     judged = np.flatnonzero((solution.weight > 0.0) & solution.weighting.contributes[problem.observations.point])
@@ -271,7 +294,7 @@ def _describe_measurements(
         sigma = block.measurements.sigma_px.copy()
         sigma[rows] = round_findings.sigma_px
     return {
-        "residual_px": _expand_rows(count, rows, np.where(is_kept[:, None], residual, np.nan)),
+        "residual_px": _expand_rows(count, rows, np.where(is_kept[:, None], final.cameras.residual, np.nan)),
         "weight": _expand_rows(count, rows, np.where(is_kept, solution.factor, 0.0), 0.0),
         "redundancy_numbers": _expand_rows(count, rows, redundancy_numbers),
         "statistic": _expand_rows(count, rows, statistic),

@@ -49,24 +49,16 @@ def run_record(command: str, names: Mapping[str, Iterable[str]] | None) -> dict[
     }
 
 
-def rpc_history(path: str) -> str:
-    """Return the origin of an image's RPC from its metadata: the run that refined it, or ``as delivered``."""
-    dataset, _ = open_dataset(path)
-    metadata = {} if dataset is None else metadata_of(dataset)
-    if "HRSI_MODEL" not in metadata:
-        return "as delivered"
-    return (
-        f"refined by HRSI {metadata.get('HRSI_VERSION')} on {metadata.get('HRSI_DATE')}, model {metadata['HRSI_MODEL']}"
-    )
+def read_refinement(path: str) -> dict[str, str] | None:
+    """Return the metadata of an image whose RPC a run refined (`Lineage.items`); None if no run did.
 
-
-def find_refining_report(path: str) -> str | None:
-    """Return the path of the report of the run that refined an image's RPC, from its metadata; None if no run did."""
+    ``HRSI_MODEL``, ``HRSI_VERSION``, ``HRSI_DATE``, and ``HRSI_REPORT``, the path of the run's report.
+    """
     if path.lower().endswith(_TEXTS):
         return None
     dataset, _ = open_dataset(path)
     metadata = {} if dataset is None else metadata_of(dataset)
-    return str(metadata.get("HRSI_REPORT", "")) if "HRSI_MODEL" in metadata else None
+    return metadata if "HRSI_MODEL" in metadata else None
 
 
 def without_secrets_in(value: Any) -> Any:

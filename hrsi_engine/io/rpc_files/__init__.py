@@ -16,6 +16,6 @@ __getattr__, __dir__, __all__ = lazy_names(
         "placement": "describe_map_evidence difference_px find_placement_doubt",
         "sidecars": "set_aside_conflicting_rpcs",
         "write": "KEEPS_NONE Lineage prepare_geotiff_copy prepare_in_place prepare_restoring prepare_sidecar"
-        " require_in_place write_geotiff_copy write_rpb write_rpc_text write_vrt",
+        " require_in_place write_geotiff_copy write_rpc_text write_vrt",
     },
 )

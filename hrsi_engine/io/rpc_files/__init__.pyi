@@ -29,6 +29,5 @@ from .write import prepare_restoring as prepare_restoring
 from .write import prepare_sidecar as prepare_sidecar
 from .write import require_in_place as require_in_place
 from .write import write_geotiff_copy as write_geotiff_copy
-from .write import write_rpb as write_rpb
 from .write import write_rpc_text as write_rpc_text
 from .write import write_vrt as write_vrt

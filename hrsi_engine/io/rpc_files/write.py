@@ -66,18 +66,15 @@ SIDECARS: dict[str, tuple[str, Callable[[RPC], str]]] = {
 }
 
 
-def write_rpc_text(path: str, rpc: RPC, lineage: Lineage = NO_LINEAGE, replace: Replace = replacing) -> None:
-    """Write a ``_RPC.TXT`` file with all digits, read it again and compare."""
-    write_rpc_file(path, rpc, "rpc-txt", replace, lineage)
+def write_rpc_text(
+    path: str, rpc: RPC, lineage: Lineage = NO_LINEAGE, kind: str = "rpc-txt", replace: Replace = replacing
+) -> None:
+    """Write an RPC as a text file with all digits, read it again and compare.
 
-
-def write_rpb(path: str, rpc: RPC, replace: Replace = replacing) -> None:
-    """Write an ``.RPB`` file with all digits, read it again and compare."""
-    write_rpc_file(path, rpc, "rpb", replace)
-
-
-def write_rpc_file(path: str, rpc: RPC, kind: str, replace: Replace = replacing, lineage: Lineage = NO_LINEAGE) -> None:
-    """Write a file of a ``kind`` of `SIDECARS` with all digits, read it again and compare."""
+    kind : format, a key of `SIDECARS`; only a ``_RPC.TXT`` file contains the items of the ``lineage``
+    replace : gives the temporary name
+    Raises `OutputError` if the file cannot be written, or another RPC is read from it.
+    """
     text = rpc_txt_text(rpc, lineage.items) if kind == "rpc-txt" else SIDECARS[kind][1](rpc)
     with replace(path) as temporary:
         with open(temporary, "w", encoding="ascii", errors="backslashreplace", newline="\n") as file:
@@ -281,7 +278,7 @@ def prepare_in_place(
         if key not in ("rpc-txt", "rpb"):  # other formats contain more than the RPC
             raise InputError(f"{path}: {RPC_READERS[key].title} is read only: write a sidecar (_RPC.TXT) instead")
         keep_original(path, changes, is_alone=True)
-        write_rpc_file(path, rpc, key, changes.replacing)
+        write_rpc_text(path, rpc, kind=key, replace=changes.replacing)
         return ()
     if not os.path.isfile(path) or read_directory(path) is None:
         raise InputError(f"{path}: only a GeoTIFF can be written in place: write a copy, a VRT or a sidecar")
@@ -312,7 +309,7 @@ def prepare_sidecar(path: str, rpc: RPC, changes: Transaction, kind: str = "rpc-
     """
     path = siblings(path).get(os.path.basename(path).lower(), path)
     keep_original(path, changes)
-    write_rpc_file(path, rpc, kind, changes.replacing)
+    write_rpc_text(path, rpc, kind=kind, replace=changes.replacing)
     if kind not in ("rpc-txt", "isd"):  # GDAL reads these, but an .RPB first; it does not read the others
         return ()
     image = f"{path[: -len(SIDECARS[kind][0])]}.tif"
