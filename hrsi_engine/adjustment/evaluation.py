@@ -105,8 +105,7 @@ def fit_tracks(
     start_positions = estimate_start_positions(observations) if start is None else start[observations.points]
     ground = intersect_points(observations, none, no_values, start_positions)
     fit, by_ground = np.full((observations.count, 2), np.nan), np.full((observations.count, 2, 3), np.nan)
-    is_located = finite_rows(ground)
-    rows = np.flatnonzero(is_located[observations.point])
+    rows = np.flatnonzero(finite_rows(ground)[observations.point])
     computed, by_ground[rows] = stack_rpcs(block.images).project_with_metric_jacobian(
         observations.image[rows], ground[observations.point[rows]]
     )

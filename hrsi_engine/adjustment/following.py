@@ -72,8 +72,7 @@ class BlockUpdater:
         """Adjust a block; raises the errors of `adjust`."""
         self.result, adjuster = run_adjuster(block, options, progress)
         self._problem, self._loop, self._last = adjuster.problem, adjuster.loop, adjuster.solution
-        squares = compute_drift_squares(self._problem, self._last)
-        self._gain = compute_drift_gain(self._problem, self._loop, squares)
+        self._gain = compute_drift_gain(self._problem, self._loop, compute_drift_squares(self._problem, self._last))
         delivered = self.result.values[np.unique(self._problem.observations.camera_of_image, return_index=True)[1]]
         self._kept = delivered - absorb_drift(self._last.state.values, self._gain)  # `rpc_position`
         self._ids = block.points.ids[self._problem.observations.points]

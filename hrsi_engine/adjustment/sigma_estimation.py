@@ -223,7 +223,9 @@ class SigmaEstimation:
         return self.problem.weighting.image / self._factor_image_points() ** 2
 
     def _factor_image_points(self) -> np.ndarray:
-        return self.sigmas.of_image_points(self.groups, self.problem.observations)
+        """Return the factors of the image points' sigmas ``(n,)``, of their groups and of single images."""
+        of_image = self.sigmas.of_image[self.problem.observations.image]
+        return np.asarray(self.sigmas.factor[self.groups.of_image_point] * of_image)
 
     def report_to(self, result: RoundFindings) -> None:
         """Add the tests and the estimated sigmas to the findings of the adjustment."""

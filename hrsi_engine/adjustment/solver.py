@@ -97,8 +97,7 @@ def run_adjuster(
             try:
                 return adjuster.run(progress), adjuster
             except SingularSystemError as error:
-                observations = problem.observations
-                is_concerned = np.isin(observations.camera_of_image, error.cameras)
+                is_concerned = np.isin(problem.observations.camera_of_image, error.cameras)
                 names = list_ids(image.id for image, one in zip(block.images, is_concerned, strict=True) if one)
                 raise SolveError(f"{error}; {names} or its connection is not determined by the observations") from error
     except np.linalg.LinAlgError as error:  # points too far from their images
@@ -337,5 +336,4 @@ def cross_validate(
         error[number] = ground_difference_m(survey, predicted)[0]
         if rays[point] < 2:
             error[number, 2] = np.nan
-    ids = problem.block.points.ids[observations.points[gcps]]
-    return CrossValidation(tuple(str(name) for name in ids), error)
+    return CrossValidation(tuple(str(name) for name in problem.block.points.ids[observations.points[gcps]]), error)

@@ -60,8 +60,7 @@ def assemble(
         Ids that do not exist or contradict each other.
     """
     defaults = defaults or DefaultSigmas()
-    image_ids = [image.id for image in images]
-    repeated = sorted(name for name, count in Counter(image_ids).items() if count > 1)
+    repeated = sorted(name for name, count in Counter([image.id for image in images]).items() if count > 1)
     if repeated:
         raise InputError(f"image id {list_ids(repeated)} occurs more than once: rename one of the files")
     surveyed = _merge_ground(list(ground_points))
@@ -94,8 +93,7 @@ def assemble(
         if len(single):
             warnings_text += f"; {len(single)} points measured on one image have no ground position: {list_ids(single)}"
         warnings.append(warnings_text)
-    role = _assign_roles(surveyed, gcp_ids, check_ids)
-    points = _make_points(ids, surveyed, role, defaults)
+    points = _make_points(ids, surveyed, _assign_roles(surveyed, gcp_ids, check_ids), defaults)
     order = np.lexsort((image_index, point_index))
     sigma = np.where(np.isnan(rows.sigma_px), defaults.sigma_image_px, rows.sigma_px)
     measurements = Measurements(point_index, image_index, rows.xy, sigma, rows.kind, rows.quality).select(order)

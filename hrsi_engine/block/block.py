@@ -408,8 +408,7 @@ def read_overview_pixels(image: Image, step: int) -> tuple[np.ndarray, np.ndarra
         return raster.read_means(step)
     parts, lines = [], step * max(MEMORY.part_px // step, 1)
     for line in range(0, step * (size[1] // step), lines):
-        strip = raster.read(0, line, size[0], min(lines, size[1] - line))
-        parts.append(average_blocks(*strip, step))
+        parts.append(average_blocks(*raster.read(0, line, size[0], min(lines, size[1] - line)), step))
     grey, valid = (np.concatenate(part) for part in zip(*parts, strict=True))
     return grey, valid
 

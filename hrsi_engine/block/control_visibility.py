@@ -36,8 +36,7 @@ def find_weak_control(block: Block) -> dict[str, list[str]]:
     rays = np.bincount(number, minlength=len(points))
     result = {}
     for kind, affected in kinds.items():
-        interval = np.bincount(number, affected, len(points)) == rays
-        result[kind] = block.points.ids[points[interval]].tolist()
+        result[kind] = block.points.ids[points[np.bincount(number, affected, len(points)) == rays]].tolist()
     names_of = {name for names in result.values() for name in names}
     single = block.points.ids[points[rays == 1]].tolist() if len(block.images) > 1 else []
     return {**result, "in one image only": [name for name in single if name not in names_of]}

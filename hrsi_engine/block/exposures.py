@@ -85,8 +85,7 @@ def join_parts_of_strips(images: Sequence[Image]) -> list[Image]:
 
 def _have_common_rays(parts: Sequence[Image], first: np.ndarray) -> bool:
     """Return whether adjacent parts at ``first (n, 2)`` have the same rays where they meet, tested at two heights."""
-    order = np.lexsort((first[:, 0], first[:, 1]))
-    for one, second in pairwise(order.tolist()):
+    for one, second in pairwise(np.lexsort((first[:, 0], first[:, 1])).tolist()):
         first_part, part = parts[one], parts[second]
         offset = (first[second] - first[one]).astype(np.float64)
         edge = part.centre_px + np.clip(
@@ -150,8 +149,7 @@ def join_named_bands(images: Sequence[Image], groups: Sequence[Sequence[str]]) -
     """Return the images; those of a group of ids that are bands or windows of one exposure become tiles of it."""
     by_id = {image.id: image for image in images}
     for group in groups:
-        names = [by_id[name] for name in group if name in by_id]
-        by_id |= {image.id: image for image in join_bands(names, 0.0)}
+        by_id |= {image.id: image for image in join_bands([by_id[name] for name in group if name in by_id], 0.0)}
     return list(by_id.values())
 
 

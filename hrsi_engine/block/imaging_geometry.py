@@ -211,8 +211,7 @@ class ViewDirection:
     @cached_property
     def terrain(self) -> np.ndarray:
         """Ground points ``(n, 3)`` of a grid over the image, those that intersect the terrain."""
-        grid = self.image.grid_px(GRIDS.fine, GRIDS.fine)
-        ground, status = intersect_surface(self.image.rpc, grid, self.surface)
+        ground, status = intersect_surface(self.image.rpc, self.image.grid_px(GRIDS.fine, GRIDS.fine), self.surface)
         return ground[status == Status.FOUND]
 
     @cached_property
@@ -330,8 +329,7 @@ def compute_all_pairs(views: list[ViewDirection]) -> list[PairGeometry]:
     views : the images with their terrain
     Result: one for each pair, in the order of the images.
     """
-    footprints = [view.footprint for view in views]
-    touching = find_touching_pairs(footprints)
+    touching = find_touching_pairs([view.footprint for view in views])
     result = dict(zip(touching, compute_pair_geometries(views, touching), strict=True))
     ids = [view.image.id for view in views]
     return [

@@ -43,11 +43,9 @@ class Orthoimage:
     @cached_property
     def gsd_m(self) -> float:
         """Ground distance in metres of neighbouring pixels at the image's centre (geometric mean of both axes)."""
-        middle = np.array(self.raster.size) / 2.0
-        lonlat = self.to_lonlat(middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+        lonlat = self.to_lonlat(np.array(self.raster.size) / 2.0 + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
         ground = np.column_stack([lonlat, np.zeros(3)])
-        steps = ground_difference_m(ground[1:], ground[[0, 0]])
-        return float(np.sqrt(abs(np.linalg.det(steps[:, :2]))))
+        return float(np.sqrt(abs(np.linalg.det(ground_difference_m(ground[1:], ground[[0, 0]])[:, :2]))))
 
 
 REFERENCE_KIND = "reference"  # kind of the image points measured from a reference

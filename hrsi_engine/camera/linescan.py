@@ -145,8 +145,7 @@ class AdjustedRpc(SampledCamera):
     def localize(self, image: np.ndarray, height_m: float) -> np.ndarray:
         """Return lon, lat, height ``(n, 3)`` of image points at ``height_m`` of the RPC, moved by the adjustment."""
         half = float(np.clip(CHORD_SHARE * abs(self.rpc.height_scale), *CHORD_M))
-        chord = self.rpc.localize(np.zeros((2, 2)), self.rpc.height_off + np.array([half, -half])).ground
-        up, down = to_ecef(chord)
+        up, down = to_ecef(self.rpc.localize(np.zeros((2, 2)), self.rpc.height_off + np.array([half, -half])).ground)
         centre = up + CENTRE_UP_M * (up - down) / np.linalg.norm(up - down)
         ground = self.rpc.localize(self.scale * image + self.offset, height_m).ground
         return from_ecef((to_ecef(ground) - centre) @ self.rotation.T + centre + self.translation)

@@ -169,8 +169,7 @@ class DenseBlock:
         for image in self.images:
             rpc = image.rpc.resample((float(factor), float(factor)), ((factor - 1) / 2.0, (factor - 1) / 2.0))
             images.append(replace(image, raster=ArrayRaster(*read_overview_pixels(image, factor)), rpc=rpc))
-        resolution = self.grid.resolution * factor
-        grid = MapGrid.from_bounds(self.grid.crs, resolution, self.grid.bounds)
+        grid = MapGrid.from_bounds(self.grid.crs, self.grid.resolution * factor, self.grid.bounds)
         return replace(self, images=tuple(images), grid=grid, cell_m=self.cell_m * factor)
 
 

@@ -102,8 +102,7 @@ class _MapView:
     height: float  # height of the drawing without the legend
 
     def __call__(self, lonlat: np.ndarray) -> np.ndarray:
-        flat = np.column_stack([lonlat[:, :2], np.zeros(len(lonlat))])
-        local = self.frame.from_ground(flat)[:, :2]
+        local = self.frame.from_ground(np.column_stack([lonlat[:, :2], np.zeros(len(lonlat))]))[:, :2]
         return _MARGIN + self.units_per_metre * (local - [self.west_m, self.north_m]) * [1.0, -1.0]
 
     def to_lonlat(self, place: np.ndarray) -> np.ndarray:

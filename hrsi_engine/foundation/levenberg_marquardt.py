@@ -109,9 +109,8 @@ def descend(
             return Descent(trial.ahead if decreased else best, True, CONVERGED, number)
         if number == largest:
             is_near = predicted <= 0.5 * ITERATIONS.settled**2 * variance(best)
-            status = (
-                CONVERGED if is_near else f"stopped at the iteration limit, {_distance_text(predicted, variance(best))}"
-            )
+            sigmas = np.sqrt(2.0 * max(predicted, 0.0) / variance(best))  # estimated distance to the minimum
+            status = CONVERGED if is_near else f"stopped at the iteration limit, {sigmas:.2g} sigma from the minimum"
             return Descent(trial.ahead if decreased else best, is_near, status, largest)
         if decreased:
             gain = (best.cost - trial.ahead.cost) / max(predicted - damping_term, 1e-300)
@@ -142,8 +141,3 @@ def _lower_damping(damping: float, came: float, share: float) -> float:
     if share < EQUALITY.negligible:
         return DESCENT.lowered * damping
     return damping * float(np.clip(2.0 - came, DESCENT.lowered, 1.5))
-
-
-def _distance_text(promised: float, variance: float) -> str:
-    """Return a text with the estimated distance to the minimum, in sigmas."""
-    return f"{np.sqrt(2.0 * max(promised, 0.0) / variance):.2g} sigma from the minimum"

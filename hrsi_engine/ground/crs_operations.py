@@ -113,13 +113,15 @@ class CrsOperations:
         if self.horizontal is not self:
             return self.horizontal.from_wgs84(lonlat)
         lonlat = np.asarray(lonlat, dtype=np.float64)[:, :2]
-        still = lonlat if self._motion is None else self._motion.move_back(lonlat)
+        still = lonlat
+        if self._motion is not None:  # positions on the plate-fixed datum
+            at_zero = np.column_stack([lonlat, np.zeros(len(lonlat))])
+            still = self._motion.move(at_zero, TransformDirection.INVERSE)[:, :2]
         if len(self._candidates) == 1:
             return self._pass_back(0, still if self.is_plate_fixed(0) else lonlat)
         # Start with the operation by areas of use in degrees, then iterate until each is the one chosen at its result
         xy, number = np.full((len(lonlat), 2), np.inf), np.full(len(lonlat), -1)
-        areas = [split_at_180(one.operation.bounds) for one in self._candidates]
-        selected = self._choose(lonlat, areas, {})
+        selected = self._choose(lonlat, [split_at_180(one.operation.bounds) for one in self._candidates], {})
         for _ in self._candidates:
             for one in np.unique(selected[selected != number]).tolist():
                 rows = np.flatnonzero((selected == one) & (number != one))

@@ -289,10 +289,6 @@ class PlateMotion:
     name: str
     accuracy_m: float
 
-    def move_back(self, lonlat: np.ndarray) -> np.ndarray:
-        """Return lon, lat ``(n, 2)`` on the plate-fixed datum for positions on WGS84."""
-        return self.move(np.column_stack([lonlat[:, :2], np.zeros(len(lonlat))]), TransformDirection.INVERSE)[:, :2]
-
     def move(self, ground: np.ndarray, direction: TransformDirection = TransformDirection.FORWARD) -> np.ndarray:
         """Return lon, lat, height ``(n, 3)`` on WGS84 for positions on the plate-fixed datum, or the inverse."""
         lon, lat, height = ground.T

@@ -144,8 +144,7 @@ def read_parquet(path: str, selection: Mapping[str, str] | None = None) -> Point
             if field in NUMBER_FIELDS
         }
         place = geo.get("primary_column", "geometry")
-        requested = [*result.values(), *([place] if place in names else [])]
-        table = file.read(columns=requested)
+        table = file.read(columns=[*result.values(), *([place] if place in names else [])])
         columns = {}
         for field, name in result.items():
             values = table.column(name).to_numpy()
@@ -290,5 +289,4 @@ def _stack_beams(path: str, product: Product, beams: list[tuple[str, BeamArrays]
         }
         for column, values in columns.items():
             parts.setdefault(column, []).append(values[finite])
-    combined = {column: np.concatenate(values) for column, values in parts.items()}
-    return LaserPoints(source=path, **combined)
+    return LaserPoints(source=path, **{column: np.concatenate(values) for column, values in parts.items()})

@@ -66,9 +66,8 @@ def open_surface(
     if not of_points and (open_dataset(path)[0] is not None or not os.path.exists(path)):
         return open_dem(path, height_datum, epoch)
     points = read_laser(spec, height_datum, ground_crs, epoch)
-    usable = points.doubt == ""
     # The surface from positions (n, 3): lon, lat in degrees, ellipsoidal height in metres
-    ground = points.ground[usable]
+    ground = points.ground[points.doubt == ""]
     ground = np.column_stack([continuous_longitudes(ground[:, 0]), ground[:, 1:]])
     scale = metres_per_degree(np.median(ground, axis=0)[None])[0, :2]
     xy = ground[:, :2] * scale

@@ -87,8 +87,7 @@ def _find_cause(first: Image, second: Image) -> str:
 
 def _reduce(image: Image) -> _Overview | None:
     """Return a reduced image with grey values between its 1st and 99th percentile; None without valid pixels."""
-    size = image.known_size
-    step = max(1, -(-max(size) // MEMORY.part_px))
+    step = max(1, -(-max(image.known_size) // MEMORY.part_px))
     tile = read_overview(image, step)
     grey, valid = tile.pixels, tile.valid
     if np.count_nonzero(valid) < MEMORY.part_px:

@@ -136,8 +136,7 @@ def find_terrain_points(image: Image, surface: HeightSurface) -> np.ndarray:
 
 def compute_ground_sample_m(image: Image, ground: np.ndarray) -> float:
     """Return the side of a square with the ground area of an image pixel (m), at the middle one of ground points."""
-    middle = ground[len(ground) // 2][None]
-    return float(1.0 / image.rpc.px_per_m(middle)[0])
+    return float(1.0 / image.rpc.px_per_m(ground[len(ground) // 2][None])[0])
 
 
 def choose_map_crs(ground: np.ndarray, name: str | None = None) -> str:

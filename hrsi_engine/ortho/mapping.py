@@ -228,8 +228,7 @@ class OrthoMapping:
         """
         lonlat, shape, first = self._find_nodes(window)
         terms = self._height_model.fit(self.rpc, lonlat).reshape(-1, len(lonlat))
-        lattice = np.concatenate([self.surface.grid_coordinates(lonlat).T, terms])
-        return lattice.reshape(-1, *shape), first
+        return np.concatenate([self.surface.grid_coordinates(lonlat).T, terms]).reshape(-1, *shape), first
 
     def _find_nodes(self, window: GridWindow) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]]:
         """Return lon, lat ``(n, 2)`` of the nodes around a window, their rows and columns, and the first pixel."""

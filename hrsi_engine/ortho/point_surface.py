@@ -69,8 +69,7 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
         variance[is_finite] = sigma[is_finite] ** 2 - (sigma[is_finite][neighbours] ** 2).min(axis=1)
     # Points that are kept: close to the median of their neighbours, or to the heights of some of them
     height = ground[:, 2]
-    count = min(SAMPLES.fewest + 1, len(xy))
-    _, index = KDTree(xy).query(xy, k=count)
+    _, index = KDTree(xy).query(xy, k=min(SAMPLES.fewest + 1, len(xy)))
     middle = np.median(height[index], axis=1)
     deviation = np.abs(height - middle)
     spread = robust_sigma(height[index] - middle[:, None], axis=1)

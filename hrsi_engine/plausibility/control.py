@@ -122,8 +122,7 @@ class ControlMeasurements:
     def select(self, rows: np.ndarray) -> ControlMeasurements:
         """Return the measurements of the given rows (indices or mask)."""
         columns = ("point", "image", "xy", "ground", "noise_m", "expected_m")
-        selected = {name: getattr(self, name)[rows] for name in columns}
-        return replace(self, sights=self.sights.select(rows), **selected)
+        return replace(self, sights=self.sights.select(rows), **{name: getattr(self, name)[rows] for name in columns})
 
     def point_ids(self, points: np.ndarray) -> tuple[str, ...]:
         """Return the ids of points by index."""
@@ -136,8 +135,7 @@ class ControlMeasurements:
 
 def collect_control(block: Block, accuracies: Sequence[ImageAccuracy]) -> ControlMeasurements | None:
     """Return the measurements of a block's surveyed points (GCPs and check points), or None if there are none."""
-    covariance = block.points.survey_covariance_m2()
-    sigma = np.sqrt(np.maximum(covariance.diagonal(axis1=1, axis2=2), 0.0))
+    sigma = np.sqrt(np.maximum(block.points.survey_covariance_m2().diagonal(axis1=1, axis2=2), 0.0))
     is_surveyed = block.known & finite_rows(block.points.ground) & finite_rows(sigma)
     rows = np.flatnonzero(is_surveyed[block.measurements.point])
     if not len(rows):
@@ -211,8 +209,7 @@ class ControlFit:
     def cost(self) -> float:
         """Minus twice the logarithm of the likelihood."""
         control = self.control
-        count = np.bincount(control.image, minlength=len(self.scatter))
-        freedom = np.maximum(count - 1, 0)
+        freedom = np.maximum(np.bincount(control.image, minlength=len(self.scatter)) - 1, 0)
         by_shift = np.minimum(self.shift_sigmas[control.images], 1e9) ** 2
         by_scatter = 4.0 * freedom * np.log(np.maximum(self.scatter, CONTROL_FIT.usual_scatter))
         return float(by_scatter.sum() + by_shift.sum())
@@ -313,8 +310,7 @@ def find_disagreement(control_fit: ControlFit) -> InconsistentPoints | None:
             best = smaller, gap
     if best is not None:
         return _describe_disagreement(control_fit, points, vector, *best, group=True)
-    middle = np.median(vector, axis=0)
-    deviation = np.abs(vector - middle)  # jitter spreads the parallaxes alone
+    deviation = np.abs(vector - np.median(vector, axis=0))  # jitter spreads the parallaxes alone
     away = (deviation / np.maximum(MAD_TO_SIGMA * np.median(deviation, axis=0), expected[:, None])).max(axis=1)
     is_off = away > GROUP.gap_ratio
     if not is_off.any() or is_off.sum() > len(points) / 2:

@@ -240,8 +240,7 @@ def _find_mistake_of_points(
 ) -> Reason | None:
     """Return the reason for the points that disagree with the others, if exactly one input error explains them."""
     rows = np.isin(control.point, disagreement.points)
-    remaining = control.select(~rows)
-    shift = fit_control(remaining).shift_m
+    shift = fit_control(control.select(~rows)).shift_m
     limit = control_fit.agreeing_m[rows] / TIE_CHECK.cured_ratio
     distance_before = np.hypot(*(control_fit.distance_m - shift[control.image])[rows].T)
     if np.median(distance_before / limit) < TIE_CHECK.cured_ratio:
@@ -293,8 +292,7 @@ def _choose_level(control: ControlMeasurements, points: np.ndarray) -> Level:
 def _make_disagreement_reason(control: ControlMeasurements, apart: InconsistentPoints) -> Reason:
     ids = control.point_ids(apart.points)
     east, north, up = apart.step_m
-    rows = np.isin(control.point, apart.points)
-    images = control.image_ids(np.unique(control.image[rows]))
+    images = control.image_ids(np.unique(control.image[np.isin(control.point, apart.points)]))
     count = f"{len(ids)} of {len(control.points)} ground points"
     sides = "east" if east >= 0.0 else "west", "north" if north >= 0.0 else "south"
     off = f"{abs(east):.3g} m {sides[0]} and {abs(north):.3g} m {sides[1]}"

@@ -300,8 +300,7 @@ def select_simplest(errors: Mapping[str, np.ndarray | None], standard_errors: fl
                 method = "not significantly" if standard_errors is None else "within one standard error"
                 said += f"; {best} {rms[best]:.3f} px is better, but {method}"
             alternatives = [f"{key} {value:.3f}" for key, value in rms.items() if key not in (name, best)]
-            reason = said + (f"; others {', '.join(alternatives)} px" if alternatives else "")
-            return name, reason
+            return name, said + (f"; others {', '.join(alternatives)} px" if alternatives else "")
     raise AssertionError("the best model is as good as itself")
 
 

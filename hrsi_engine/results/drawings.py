@@ -214,8 +214,7 @@ def _make_cards(result: Adjustment, visible: _PointSelection) -> list[ImageCard]
 
 def _make_card(result: Adjustment, index: int, part: np.ndarray, visible: _PointSelection) -> ImageCard:
     rows, image = result.block.measurements, result.block.images[index]
-    role = result.block.points.role[rows.point[part]]
-    groups = ROLE_LABELS[role].astype("U8")
+    groups = ROLE_LABELS[result.block.points.role[rows.point[part]]].astype("U8")
     groups[is_outlier(visible.statistic[part])] = "outlier"
     ties, other_groups = np.flatnonzero(groups == "tie"), np.flatnonzero(groups != "tie")[: LISTS.rows]
     room = max(LISTS.rows - len(other_groups), 0)

@@ -77,8 +77,7 @@ def _camera_errors_m(result: Adjustment, part: range, height: float) -> tuple[np
             shifts = result.shared_shifts_m[rows.point[rows.image == image]]
             shifts = shifts[np.isfinite(shifts).all(axis=(1, 2))]
             mean_m[place] = shifts.mean(axis=0) if len(shifts) else 0.0
-        shift_m = at_height @ mean_m
-        of_shifts = 0.5 * np.sum(shift_m**2, axis=(1, 2))
+        of_shifts = 0.5 * np.sum((at_height @ mean_m) ** 2, axis=(1, 2))
         systematic, total = systematic + of_shifts, total + of_shifts
     total[~np.isfinite(total)] = np.nan
     bias[finite] = np.sqrt(np.maximum(systematic, 0.0))

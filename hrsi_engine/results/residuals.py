@@ -150,8 +150,7 @@ def state_known_sigmas_px(result: Adjustment, left: Residuals) -> np.ndarray:
 def by_image(block: Block, selected: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
     """Yield each image's index and its measurements among the ``selected`` (mask); images without any are skipped."""
     rows = np.flatnonzero(selected)
-    image = block.measurements.image[rows]
-    order, bounds = group_by_number(image, len(block.images))
+    order, bounds = group_by_number(block.measurements.image[rows], len(block.images))
     for index in range(len(block.images)):
         if bounds[index] < bounds[index + 1]:
             yield index, rows[order[bounds[index] : bounds[index + 1]]]
@@ -178,8 +177,7 @@ def residuals_at_px(block: Block, model: RefinementModel, values: np.ndarray, gr
     """
     rows = block.measurements
     residual = np.full((len(rows), 2), np.nan)
-    usable = finite_rows(ground)
-    for index, rows_here in by_image(block, usable[rows.point]):
+    for index, rows_here in by_image(block, finite_rows(ground)[rows.point]):
         positions = ground[rows.point[rows_here]]
         residual[rows_here] = rows.xy[rows_here] - model.project(block.images[index], values[index], positions)
     return residual
@@ -243,8 +241,7 @@ def _survey_covariances(
         projected = project_to_images(cameras.model, images, image_index, cameras.values[images_here], ground)
         drift = rows.xy[rows_here] - projected - at_known[rows_here]
         covariance = sigma[rows_here, None, None] ** 2 * np.eye(2) + drift[:, :, None] * drift[:, None, :]
-        survey = result.survey_covariance_m2(points)
-        covariance += linearised.by_ground @ survey @ linearised.by_ground.swapaxes(1, 2)
+        covariance += linearised.by_ground @ result.survey_covariance_m2(points) @ linearised.by_ground.swapaxes(1, 2)
         predicted = (
             linearised.by_values @ cameras.covariance[rows.image[rows_here]] @ linearised.by_values.swapaxes(1, 2)
         )

@@ -45,8 +45,7 @@ class Table:
 
 def images_table(result: Adjustment, images: Sequence[Image], height_m: float) -> Table:
     """Return footprints of images at a height, with id, path, size and the image's number of measurements."""
-    is_used = result.has_residual
-    count = np.bincount(result.block.measurements.image[is_used], minlength=len(images))
+    count = np.bincount(result.block.measurements.image[result.has_residual], minlength=len(images))
     columns = ImageRows(
         id=np.array([image.id for image in images]),
         path=np.array([image.path for image in images]),

@@ -189,8 +189,7 @@ def _march_down(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Follow straight rays down; return their status and the heights ``(n, 2)`` just before and after the first hit."""
     low, high = heights
-    longest = float(np.abs(upper - lower).max())
-    steps = max(1, int(np.ceil(longest / RAY_TRACING.step)))
+    steps = max(1, int(np.ceil(float(np.abs(upper - lower).max()) / RAY_TRACING.step)))
     count = len(upper)
     status, bracket = np.full(count, int(Status.OUTSIDE)), np.full((count, 2), np.nan)
     going, in_gap = np.arange(count), np.zeros(count, dtype=bool)

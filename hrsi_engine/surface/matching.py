@@ -235,8 +235,7 @@ class SurfaceMatcher:
         rows = valid[:: 1 + len(valid) // SAMPLES.large]
         if len(rows) < SAMPLES.trend:
             return offsets, np.full(len(offsets), np.nan), np.zeros(len(offsets))
-        parts = np.array_split(offsets, 16)
-        miss = np.concatenate([self._heights(part, rows) - self.height[rows] for part in parts])
+        miss = np.concatenate([self._heights(part, rows) - self.height[rows] for part in np.array_split(offsets, 16)])
         middle, score = shortest_half(miss)
         score[np.isfinite(miss).sum(axis=1) < EQUALITY.majority * len(rows)] = np.nan
         return offsets, score, middle
@@ -284,8 +283,7 @@ def shortest_half(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     middle, scale = np.full((2, len(values)), np.nan)
     for number in np.unique(count[count > 1]):
         rows, half = np.flatnonzero(count == number), int(number) // 2
-        lengths = ordered[rows, half:number] - ordered[rows, : number - half]
-        first = lengths.argmin(axis=1)
+        first = (ordered[rows, half:number] - ordered[rows, : number - half]).argmin(axis=1)
         low, high = ordered[rows, first], ordered[rows, first + half]
         middle[rows], scale[rows] = 0.5 * (low + high), 0.5 * MAD_TO_SIGMA * (high - low)
     return middle, scale

@@ -88,8 +88,7 @@ class Snooping:
                 break
             present = self.build_weighting(solution, lenient)
             solution = self.loop.iterate(solution.state, present, progress, tolerance=ITERATIONS.coarse)
-        of_control = observations.located[observations.point]
-        self.found.decision[of_control] = int(Decision.KEPT)
+        self.found.decision[observations.located[observations.point]] = int(Decision.KEPT)
         return self.judge_ties_again(self.solve(solution, progress), progress)
 
     def _intersect_unused_points(self, solution: Solution) -> Solution:

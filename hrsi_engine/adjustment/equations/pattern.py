@@ -60,8 +60,7 @@ class Pattern:
 
     def extend_by(self, observations: Observations) -> Pattern:
         """Return the pattern extended by the pairs of cameras that measured a common point of other observations."""
-        common_points = _count_common_points(observations)
-        wide = sparse.csr_matrix(sparse.triu(self.graph.astype(np.float32) + common_points))
+        wide = sparse.csr_matrix(sparse.triu(self.graph.astype(np.float32) + _count_common_points(observations)))
         if wide.nnz == self.blocks:
             return self
         wide.sort_indices()

@@ -68,8 +68,7 @@ def fit_planes(away_m: np.ndarray, height_m: np.ndarray, is_near: np.ndarray) ->
 
     Points that deviate from the plane by more than `ROBUST.full_weight` times their scatter lose their weight.
     """
-    distance = np.linalg.norm(away_m, axis=2)
-    rough = (LASER_FIT.roughness * distance) ** 2
+    rough = (LASER_FIT.roughness * np.linalg.norm(away_m, axis=2)) ** 2
     level = np.nanmedian(np.where(is_near, height_m, np.nan), axis=1)
     scatter = np.full(len(level), EQUALITY.position_m)
     weight = np.where(is_near, 1.0, 0.0)

@@ -138,8 +138,7 @@ class SourceFit(Generic[ObservedRows]):
         weight = self.factor / self.variance
         of_group = np.bincount(group, weight, count)
         left = 1.0 / (1.0 + source.common_m**2 * of_group)
-        total = float((of_group * left).sum())
-        self.left = left[group] / (1.0 + source.weighting_sigma_m**2 * total)
+        self.left = left[group] / (1.0 + source.weighting_sigma_m**2 * float((of_group * left).sum()))
         if source.determines_points:
             self.left = self.left ** (1.0 - self.of_rays / self.variance)
         weight = weight * self.left

@@ -192,8 +192,7 @@ class SurfacePlan:
         target, weight = priors.target.copy(), priors.weight.copy()
         mixed = priors.mixed.copy() if priors.correlated else np.zeros_like(weight)
         point_weight = np.linalg.inv(self.covariance_m2[:2, :2]) / len(self.points)
-        targets = move_ground(ground[self.points], np.append(left_m[:2], 0.0))
-        target[self.points, :2] = targets[:, :2]
+        target[self.points, :2] = move_ground(ground[self.points], np.append(left_m[:2], 0.0))[:, :2]
         weight[self.points, :2] = point_weight.diagonal()
         mixed[self.points, 0] = point_weight[0, 1]
         return replace(priors, target=target, weight=weight, mixed=mixed)

@@ -202,8 +202,8 @@ def estimate_jitter(
     solved[weighted.order] = np.column_stack([mean, *errors])
     curves: dict[str, JitterCurve] = {}
     samples: list[dict[str, JitterCurve]] = [{} for _ in errors]
-    exposures = number_exposures(problem.observations.images)
-    for image, exposure in zip(problem.observations.images, exposures.tolist(), strict=True):
+    images = problem.observations.images
+    for image, exposure in zip(images, number_exposures(images).tolist(), strict=True):
         if (place := places.get(exposure)) is None:
             continue
         first, last = int(np.floor(image.domain_px[2])), int(np.ceil(image.domain_px[3]))
@@ -275,8 +275,7 @@ def _linearise_points(
         ground[observations.point],
     )
     start, splines = np.zeros((observations.count, 2), dtype=np.int64), np.zeros((observations.count, 4))
-    exposures = number_exposures(images).tolist()
-    for image, exposure, rows in zip(images, exposures, observations.by_image, strict=True):
+    for image, exposure, rows in zip(images, number_exposures(images).tolist(), observations.by_image, strict=True):
         if (place := places.get(exposure)) is not None:
             cell, factors = place.spline.evaluate(_scene_lines(image, observations.xy[rows, 1]))
             start[rows] = (place.start + cell)[:, None] + [0, place.spline.size]

@@ -80,7 +80,7 @@ class FinalEstimate:
 
     @cached_property
     def points_per_error(self) -> np.ndarray:
-        """Numbers ``(images,)`` of tie points that share an error, if only these determine the drift (`common_drift`)."""
+        """Number ``(images,)`` of tie points that share an error, 1 if GCPs determine the drifts (`common_drift`)."""
         observations = self.problem.observations
         return count_points_per_error(observations.cameras, self.loop.common)[observations.camera_of_image]
 
@@ -123,7 +123,7 @@ class FinalEstimate:
         return np.concatenate(shifted, axis=2), excess
 
     def expand_points(self, values: np.ndarray) -> np.ndarray:
-        """Return values of all points of the block from those of the points in solver order ``(m, …)``; NaN elsewhere."""
+        """Return values of the block's points from those of points in solver order ``(m, …)``; NaN for all others."""
         return _expand_rows(len(self.problem.block.points), self.problem.observations.points, values)
 
 
@@ -204,11 +204,8 @@ def _scale_covariances(final: FinalEstimate) -> PointCovariances:
     The cameras' share in the cofactors is further multiplied by the tie points per error (`common_drift`).
     """
     problem, solution, precise = final.problem, final.solution, final.precise
-    observations, points_per_error, unit_variance = (
-        problem.observations,
-        final.points_per_error,
-        max(final.sigma0, 1.0) ** 2,
-    )
+    observations, points_per_error = problem.observations, final.points_per_error
+    unit_variance = max(final.sigma0, 1.0) ** 2
     image = observations.image[observations.first[:-1]]
     # Without GCPs the RPCs' error terms determine a part, and these do not depend on the residuals of image points. A
     # sigma0 below 1 is also that of the image points: it makes no survey better than stated.
@@ -369,6 +366,5 @@ def _measure_rpcs_alone_m(problem: Problem, solution: Solution) -> tuple[float, 
     ties = solution.weighting.contributes & ~observations.located & (np.diff(observations.first) > 1)
     if not ties.any():
         return None
-    displacement = ground_difference_m(problem.start.ground[ties], solution.state.ground[ties])
-    east, north, up = np.median(displacement, axis=0)
+    east, north, up = np.median(ground_difference_m(problem.start.ground[ties], solution.state.ground[ties]), axis=0)
     return float(east), float(north), float(up)

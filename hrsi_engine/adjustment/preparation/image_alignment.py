@@ -77,8 +77,7 @@ def align_images(
     loop = GaussNewton(equations, equations.pattern, shift_weight, np.diff(sample.first), ITERATIONS.most)
     factor, scale, state = agreeing.astype(np.float64), np.inf, State(shifts, ground)
     while True:
-        weighting = Weighting(weight * factor, priors, usable)
-        solution = loop.iterate(state, weighting)
+        solution = loop.iterate(state, Weighting(weight * factor, priors, usable))
         if scale == ROBUST.rejected:
             # Values of the model with the same effect on the image points as the shifts, except for their priors
             p, shifts = len(model.parameters), centre_shifts(sample, solution.state, shift_weight)

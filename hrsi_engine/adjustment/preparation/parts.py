@@ -53,11 +53,9 @@ def find_parts(observations: Observations, earlier: JointPrior | None) -> tuple[
         np.maximum.at(earlier_gcps, label[earlier.camera[earlier.known.camera]], earlier.known.gcps)
         gcps = gcps + earlier_gcps
     of_image = label[observations.camera_of_image]
-    order = np.argsort(of_image, kind="stable")
-    groups = np.split(order, np.cumsum(np.bincount(of_image, minlength=count))[:-1])
+    groups = np.split(np.argsort(of_image, kind="stable"), np.cumsum(np.bincount(of_image, minlength=count))[:-1])
     numbers = zip(groups, gcps.tolist(), ties.tolist(), places.tolist(), strict=True)
-    parts = [Part(images, *counts) for images, *counts in numbers]
-    return tuple(sorted(parts, key=lambda part: -len(part.images)))
+    return tuple(sorted([Part(images, *counts) for images, *counts in numbers], key=lambda part: -len(part.images)))
 
 
 def warn_of_parts(

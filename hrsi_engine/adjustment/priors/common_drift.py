@@ -113,8 +113,7 @@ class CommonDrift:
         weight = weight * self.prior_sigma**2
         weight_change = np.diag(weight - prior_weight * self.prior_sigma**2)
         weight_change += self.basis @ (next_drift.weight - self.weight) @ self.basis.T
-        right_sides = np.column_stack([cofactors, values])
-        ahead = np.linalg.solve(np.eye(len(values)) + cofactors @ weight_change, right_sides)
+        ahead = np.linalg.solve(np.eye(len(values)) + cofactors @ weight_change, np.column_stack([cofactors, values]))
         complement = np.eye(len(values)) - self.basis @ self.basis.T
         share = np.einsum("ij,jk,ki->i", complement, ahead[:, :-1], complement)
         return (complement @ ahead[:, -1]) ** 2, np.clip(complement.diagonal() - weight * share, 0.0, 1.0)

@@ -84,8 +84,7 @@ class JointPrior:
     def enter_start(self, start: np.ndarray, prior_weight: np.ndarray) -> None:
         """Enter the values into ``start (cameras, p)``, and remove these cameras' own ``prior_weight (cameras, p)``."""
         start[self.camera] = self.known.values
-        fixed_again = np.isinf(prior_weight[self.camera]) | self.known.fixed
-        prior_weight[self.camera] = np.where(fixed_again, np.inf, 0.0)
+        prior_weight[self.camera] = np.where(np.isinf(prior_weight[self.camera]) | self.known.fixed, np.inf, 0.0)
 
     def add_to(self, normals: Normals, values: np.ndarray, pattern: Pattern) -> None:
         """Add the prior at ``values (cameras, p)`` to the reduced normal equations."""

@@ -250,5 +250,4 @@ def _find_nearest_planes(
     distance = (candidates @ (terms / sigma[..., None]).swapaxes(1, 2)) - (y / sigma)[:, None]
     np.abs(distance, out=distance)
     distance.partition(np.unique(ranks), axis=2)
-    reach = np.take_along_axis(distance, ranks[:, None, None], axis=2)[:, :, 0]
-    return np.asarray(reach.argmin(axis=1))
+    return np.asarray(np.take_along_axis(distance, ranks[:, None, None], axis=2)[:, :, 0].argmin(axis=1))

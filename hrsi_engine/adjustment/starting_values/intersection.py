@@ -46,8 +46,7 @@ def estimate_start_positions(observations: Observations) -> np.ndarray:
         centre[number] = rpcs[number].localize(centre_px[number][None], centre[number, 2]).ground[0]
     step = np.zeros((len(first), 3))
     step[:, :2] = (outwards[image] @ (observations.xy[first] - centre_px[image])[:, :, None])[:, :, 0]
-    ground = move_ground(centre[image], step)
-    return np.where(observations.survey_weight > 0.0, observations.survey, ground)
+    return np.where(observations.survey_weight > 0.0, observations.survey, move_ground(centre[image], step))
 
 
 def intersect_points(

@@ -91,8 +91,7 @@ def propagate_pointing(
         """Return the points' steps ``(m, 3)`` if some cameras change by a prior standard deviation together."""
         right = np.zeros_like(prior_sigma)
         right[by, parameter] = loop.prior_weight[by, parameter] * prior_sigma[by, parameter]
-        step = loop.system.solve(right)
-        return loop.equations.compute_point_steps(solution.state, solution.weight, change, step)
+        return loop.equations.compute_point_steps(solution.state, solution.weight, change, loop.system.solve(right))
 
     common = np.stack([move(cameras, parameter) for parameter in parameters.tolist()], axis=2)
     excess = np.zeros((len(common), 3, 3))

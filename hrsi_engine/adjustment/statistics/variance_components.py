@@ -279,10 +279,6 @@ class Sigmas:
         r = np.maximum(freedom, REDUNDANCY.estimated)
         return np.asarray(factor * np.where(estimated, np.sqrt(r / (r - 2.0)), 1.0))
 
-    def of_image_points(self, groups: Groups, observations: Observations) -> np.ndarray:
-        """Return the factors of the image points ``(n,)``."""
-        return np.asarray(self.factor[groups.of_image_point] * self.of_image[observations.image])
-
     def survey_weight(self, observations: Observations) -> np.ndarray:
         """Return the weights of all surveys ``(m, 3)``, also of rejected ones."""
         of_surveys = np.append(self.factor[-SURVEYS:], 1.0)  # surveys of no group keep their sigma

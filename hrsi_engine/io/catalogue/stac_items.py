@@ -124,8 +124,7 @@ def _image_of(file: str, number: int, feature: Any, single: bool, requested: str
             )
     else:
         images = [key for key, asset in assets.items() if _is_image(asset)]
-        data = [key for key in images if "data" in _roles_of(assets[key])]
-        result = data or images
+        result = [key for key in images if "data" in _roles_of(assets[key])] or images
         if len(result) > 1:
             raise InputError(
                 f'{place_text}: has several images ({list_ids(result)}): name one, as STACIT:"FILE":asset={result[0]}'

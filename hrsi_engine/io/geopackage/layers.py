@@ -340,8 +340,7 @@ def create_style_table(dataset: gdal.Dataset) -> None:
 
 
 def insert_styles(database: sqlite3.Connection, layers: Sequence[Layer], styles: Mapping[str, Style]) -> None:
-    styled = [layer.name for layer in layers if layer.name in styles]
-    for name in styled:
+    for name in [layer.name for layer in layers if layer.name in styles]:
         database.execute(
             "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName,"
             " styleQML, styleSLD, useAsDefault, description, owner, ui, update_time)"

@@ -96,8 +96,7 @@ class Georeference:
     def nodes_lonlat(self) -> np.ndarray:
         """Return lon, lat ``(n, 2)`` of nodes over the raster, without those for which there are none."""
         columns, rows = self._size
-        ends = (columns - 1.0, rows - 1.0)
-        node = np.stack(np.meshgrid(*(np.linspace(0.0, end, 5) for end in ends)), -1)
+        node = np.stack(np.meshgrid(*(np.linspace(0.0, end, 5) for end in (columns - 1.0, rows - 1.0))), -1)
         lonlat = self.to_lonlat(node.reshape(-1, 2) - [self.first, 0.0])
         return lonlat[np.isfinite(lonlat).all(axis=1)]
 

@@ -51,8 +51,7 @@ def write_report_html(path: str, report: Mapping[str, Any], drawings: Mapping[st
     path : the file; report : the report; drawings : those of `drawing.block_figures.draw_figures`
     Raises `OutputError`: the file cannot be written.
     """
-    reasons = (report.get("verdict") or {}).get("reasons", [])
-    explained = explain_codes(reason["code"] for reason in reasons)
+    explained = explain_codes(reason["code"] for reason in (report.get("verdict") or {}).get("reasons", []))
     # Plots of both axes of the images with profiles along the lines, images with waves first
     profiles_sorted = sorted(report.get("line_profiles", {}).items(), key=lambda item: not item[1]["waves"])
     profiles = [

@@ -257,8 +257,7 @@ def read_correspondences(spec: str, *, ground_crs: str | None = None, height_dat
     if not has_positions(table):
         raise InputError(f"{table.source}: has no ground positions (point geometry, lon and lat, x and y): add them")
     placed = ground_positions(table, Reference(ground_crs or "", height_datum))
-    missing = np.isnan(placed.ground).any(axis=1)
-    table.refuse(missing, "has no ground position: fill it in, or remove the row")
+    table.refuse(np.isnan(placed.ground).any(axis=1), "has no ground position: fill it in, or remove the row")
     require_heights(placed.ground[:, 2], table.name_row)
     return Correspondences(placed.ground, image, (*table.notes, *placed.warnings), placed.operations)
 

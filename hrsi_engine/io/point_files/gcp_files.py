@@ -30,7 +30,6 @@ import csv
 import math
 import os
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -316,11 +315,6 @@ METASHAPE_REFERENCE = PointReader(
 )
 
 
-def is_orthoengine(names: Sequence[str]) -> bool:
-    """Return whether names of columns are those of an OrthoEngine text: P and L for pixel and line."""
-    return {"p", "l"} <= {name.strip().lower() for name in names}
-
-
 def read_orthoengine(path: str, columns_option: str) -> PointTable:
     """Return the points of a text whose columns ``columns_option`` names; raise `InputError` if it is damaged."""
     names = columns_option.removeprefix(NAMED_COLUMNS).split(",")
@@ -333,7 +327,11 @@ def read_orthoengine(path: str, columns_option: str) -> PointTable:
     return replace(table, columns=columns)
 
 
-#: The file does not state the order of its fields: this reader is chosen if the user names OrthoEngine's columns.
+#: The file does not state the order of its fields: this reader is chosen if the user names OrthoEngine's columns, P and
+#: L for pixel and line among them.
 ORTHOENGINE_TEXT = PointReader(
-    "PCI OrthoEngine text", lambda _path, _name, _head: False, read_orthoengine, is_orthoengine
+    "PCI OrthoEngine text",
+    lambda _path, _name, _head: False,
+    read_orthoengine,
+    lambda names: {"p", "l"} <= {name.strip().lower() for name in names},
 )

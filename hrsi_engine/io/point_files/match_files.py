@@ -104,8 +104,7 @@ def read_asp_matches(path: str, _layer: str = "") -> PointTable:
     if names is None:
         raise InputError(f"{path}: its name does not contain the images: rename it to PREFIX-IMAGE1__IMAGE2.match")
     parse = _parse_records if path.lower().endswith(".match") else _parse_text
-    xy = parse(path, read_bytes(path, "matches"))
-    return tabulate_matches(path, [(names[1], names[2], xy)], ("x", "y"))
+    return tabulate_matches(path, [(names[1], names[2], parse(path, read_bytes(path, "matches")))], ("x", "y"))
 
 
 def _parse_text(path: str, content: bytes) -> np.ndarray:
@@ -166,8 +165,7 @@ def read_colmap(path: str, _layer: str = "") -> PointTable:
     require_size(path, "matches")
     require_sound(path)
     with sound_database(path) as database:
-        entries = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
-        tables = {str(name) for (name,) in entries}
+        tables = {str(name) for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
         missing = {"images", "keypoints", "matches"} - tables
         if missing:
             raise InputError(f"{path}: is no database of COLMAP, it has no table {min(missing)!r}: name another file")

@@ -72,8 +72,7 @@ class OrthoSource:
         for number in self.bands:
             self.data_type = gdal.DataTypeUnion(self.data_type, bands[number - 1].DataType)
         self.nodata = [bands[number - 1].GetNoDataValue() for number in self.bands]
-        flags = bands[self.bands[0] - 1].GetMaskFlags()
-        self.masked = bool(flags & gdal.GMF_PER_DATASET)
+        self.masked = bool(bands[self.bands[0] - 1].GetMaskFlags() & gdal.GMF_PER_DATASET)
 
     @property
     def dataset(self) -> gdal.Dataset:

@@ -114,8 +114,7 @@ class ShadedSurface(GdalRaster):
     def read_means(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """As `GdalRaster.read_means`."""
         height, valid = super().read_means(step)
-        cell = self.dataset.GetGeoTransform()[1] * step
-        down, right = np.gradient(np.where(valid, height, np.nan), cell)
+        down, right = np.gradient(np.where(valid, height, np.nan), self.dataset.GetGeoTransform()[1] * step)
         slope = (right + down) / np.sqrt(2.0)
         shade = slope / (1.0 + np.abs(slope))  # -1 to 1: walls and trees do not use up the range
         valid &= np.isfinite(shade)

@@ -135,8 +135,7 @@ def _is_of_scene(rpc: RPC, place: CropPlace, size: Size, stated: Size | None) ->
         return True
     if place.mirrored:
         # Whether the RPC's image is a mirror image of the ground; that of a sensor is never
-        middle = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]])
-        _, by_ground = rpc.project_with_metric_jacobian(middle)
+        _, by_ground = rpc.project_with_metric_jacobian(np.array([[rpc.long_off, rpc.lat_off, rpc.height_off]]))
         return not bool(np.linalg.det(by_ground[0, :, :2]) > 0.0)
     # A scene's RPC begins at 0; a moved one begins at the scene's first pixel, in coordinates of the crop
     first_if_moved = place.to_scene(_corners_of(low, high)).min(axis=0)

@@ -128,8 +128,7 @@ def read_geom(path: str) -> FoundRpc:
     parts = (line.partition(":") for line in read_text(path).splitlines())
     entries = fields.entries_of(path, ((name.strip(), value.strip()) for name, _, value in parts), GEOM_NAMES.values())
     rpc = fields.rpc_from_entries(path, entries, GEOM_NAMES, [f"_{number:02d}" for number in range(20)], True)
-    size = positive_size(entries.get("number_samples"), entries.get("number_lines"))
-    return FoundRpc(rpc, stated_size=size)
+    return FoundRpc(rpc, stated_size=positive_size(entries.get("number_samples"), entries.get("number_lines")))
 
 
 def geom_text(rpc: RPC) -> str:
@@ -216,8 +215,7 @@ def read_orthority(image_path: str, path: str) -> FoundRpc:
     yaml_entries = _YAML_ENTRY.findall(parts[matching_names[0]])
     entries = {key: value_list or scalar for key, value_list, scalar in yaml_entries}
     size = [*entries.get("im_size", "").split(","), "", ""]
-    rpc = fields.rpc_from_entries(path, entries, _YAML_NAMES)
-    return FoundRpc(rpc, stated_size=positive_size(size[0], size[1]))
+    return FoundRpc(fields.rpc_from_entries(path, entries, _YAML_NAMES), stated_size=positive_size(size[0], size[1]))
 
 
 ORTHORITY = RpcReader(

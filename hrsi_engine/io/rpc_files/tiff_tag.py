@@ -243,8 +243,7 @@ def read_numbers(path: str) -> list[float] | None:
             f"{path}: tag {TAG_RPC} has {entry.count} values of type {entry.kind}, {COUNT} doubles are needed: write "
             "the RPC again"
         )
-    content = read_value(path, directory, TAG_RPC)
-    return list(struct.unpack(f"{directory.order}{COUNT}d", content or b""))
+    return list(struct.unpack(f"{directory.order}{COUNT}d", read_value(path, directory, TAG_RPC) or b""))
 
 
 def set_numbers(
@@ -319,8 +318,7 @@ def _require_directory(path: str) -> Directory:
 
 
 def _read_metadata(path: str, directory: Directory) -> str:
-    content = read_value(path, directory, TAG_METADATA) or b""
-    return content.rstrip(b"\0").decode("utf-8", "surrogateescape")
+    return (read_value(path, directory, TAG_METADATA) or b"").rstrip(b"\0").decode("utf-8", "surrogateescape")
 
 
 def _with_items(xml: str, items: Iterable[str]) -> str:

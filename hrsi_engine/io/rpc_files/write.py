@@ -226,8 +226,7 @@ def write_vrt(
     """
     _require_other_file(source_path, target_path)
     local = os.path.exists(source_path)
-    source = open_raster(os.path.abspath(source_path) if local else source_path)
-    save_vrt(source, target_path, rpc, lineage, replace)
+    save_vrt(open_raster(os.path.abspath(source_path) if local else source_path), target_path, rpc, lineage, replace)
     return ()
 
 

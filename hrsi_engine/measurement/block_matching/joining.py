@@ -101,8 +101,7 @@ def collect_matches(results: Sequence[tuple[int, PartResult]]) -> BlockMatches:
     columns = {name: np.concatenate([result[name] for _, result in nonempty]) for name in names}
     second = np.concatenate([result["partner"] for _, result in nonempty])
     first = np.repeat([number for number, _ in nonempty], [len(result["partner"]) for _, result in nonempty])
-    place = np.column_stack([first, columns["first_xy"]])
-    _, track = np.unique(place, axis=0, return_inverse=True)
+    _, track = np.unique(np.column_stack([first, columns["first_xy"]]), axis=0, return_inverse=True)
     first_rows = np.unique(np.column_stack([track, second]), axis=0, return_index=True)[1]  # one of two windows
     return BlockMatches(track, first, second, **columns).select(first_rows)
 
@@ -367,11 +366,9 @@ def build_tracks(first: np.ndarray, second: np.ndarray, image_of_node: np.ndarra
     graph = sparse.coo_matrix((np.ones(len(first), np.int8), (first, second)), shape=(count, count))
     _, label = connected_components(graph, directed=False)
     size = np.bincount(label)
-    images = np.unique(np.column_stack([label, image_of_node]), axis=0)
-    different = np.bincount(images[:, 0], minlength=len(size))
+    different = np.bincount(np.unique(np.column_stack([label, image_of_node]), axis=0)[:, 0], minlength=len(size))
     valid = (size >= 2) & (different == size)
-    number = np.where(valid, np.cumsum(valid) - 1, -1)
-    return number[label]
+    return np.where(valid, np.cumsum(valid) - 1, -1)[label]
 
 
 def select_tracks_by_cell(
@@ -390,8 +387,7 @@ def select_tracks_by_cell(
     cell = np.column_stack([image, np.floor(xy / cell_px[image]).astype(np.int64)])
     distinct, cell_number = np.unique(cell, axis=0, return_inverse=True)
     room = per_cell[distinct[:, 0]].tolist()
-    order = np.argsort(track, kind="stable")
-    cells = np.split(cell_number[order], np.cumsum(length)[:-1])
+    cells = np.split(cell_number[np.argsort(track, kind="stable")], np.cumsum(length)[:-1])
     keep = np.zeros(tracks, dtype=bool)
     for candidate in np.lexsort((-quality, -length)):
         track_cells = cells[candidate].tolist()

@@ -91,12 +91,6 @@ def find_ground_ranges(images: Sequence[Image], surface: HeightSurface | None, m
     ]
 
 
-def find_candidate_pairs(images: Sequence[Image], ranges: Sequence[GroundRange]) -> list[tuple[int, int]]:
-    """Return index pairs of images whose footprints touch at any of their heights."""
-    hulls = [compute_footprint_hull(image, *heights) for image, heights in zip(images, ranges, strict=True)]
-    return find_touching_pairs(hulls)
-
-
 def _compute_footprint(image: Image, surface: HeightSurface, heights: GroundRange) -> Polygon:
     """Return the footprint on a surface; the height of each outline point is iterated three times."""
     outline = image.outline_px(OUTLINE_PER_SIDE)
@@ -111,7 +105,8 @@ def find_likely_overlaps(
     images: list[Image], ranges: Sequence[GroundRange], surface: HeightSurface | None, smallest: float
 ) -> list[Overlap]:
     """Return pairs that overlap by at least ``smallest``; for images with very many, those selected for probes."""
-    candidates = find_candidate_pairs(images, ranges)
+    hulls = [compute_footprint_hull(image, *heights) for image, heights in zip(images, ranges, strict=True)]
+    candidates = find_touching_pairs(hulls)
     are_many = 2 * len(candidates) > CHOICE.measured_partners * len(images)
     if are_many or surface is None:
         sliding = [SlidingFootprint(image, heights) for image, heights in zip(images, ranges, strict=True)]
@@ -120,8 +115,7 @@ def find_likely_overlaps(
         rough = [Overlap(*pair, part) for pair, part in zip(candidates, share.tolist(), strict=True)]
         first, second = np.array(candidates).T
         angle_deg = compute_convergence_deg(compute_central_views(images), first, second)
-        rows = choose_probes(rough, angle_deg, CHOICE.measured_partners)
-        candidates = [candidates[row] for row in rows.tolist()]
+        candidates = [candidates[row] for row in choose_probes(rough, angle_deg, CHOICE.measured_partners).tolist()]
     # Pairs that overlap by the smallest share or more of one of the images
     if surface is not None:
         outlines = [_compute_footprint(image, surface, heights) for image, heights in zip(images, ranges, strict=True)]
@@ -160,8 +154,7 @@ def compute_central_views(images: list[Image]) -> np.ndarray:
 
 def compute_convergence_deg(directions: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the angles in degrees between the lines of sight of pairs of images."""
-    cosine = np.einsum("nk,nk->n", directions[first], directions[second])
-    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return np.degrees(np.arccos(np.clip(np.einsum("nk,nk->n", directions[first], directions[second]), -1.0, 1.0)))
 
 
 # ---- resolutions ---------------------------------------------------------------------------------------------------

@@ -252,8 +252,7 @@ class TieSearch:
 
     def judge(self) -> tuple[joining.BlockMatches, list[ImageLink]]:
         """Return the matches that pass the tests of pairs and heights, and the links formed by them."""
-        matches = joining.collect_matches(self._results)
-        fitting = joining.drop_outliers(matches, self.images, self.options.dense)
+        fitting = joining.drop_outliers(joining.collect_matches(self._results), self.images, self.options.dense)
         consistent = joining.drop_contradictions(fitting, self.images)
         return consistent, judge_links(consistent)
 

@@ -184,8 +184,7 @@ def _score_shapes(
         # The (lower) median of the valid values of each row
         ordered = np.sort(np.where(shapes.found, grey, np.inf), axis=1)
         middle = np.maximum((shapes.found.sum(axis=1) - 1) // 2, 0)
-        medians = np.asarray(ordered[np.arange(len(grey)), middle], dtype=np.float64)
-        values.append(medians)
+        values.append(np.asarray(ordered[np.arange(len(grey)), middle], dtype=np.float64))
     inside, outside = values[0], values[1]
     contrast = inside - outside
     relative = np.abs(contrast) / statistics.deviation_floor

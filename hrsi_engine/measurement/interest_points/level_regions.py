@@ -141,6 +141,5 @@ def _select_compact(
     xx, yy, xy = mean(dx * dx) + 1.0 / 12.0, mean(dy * dy) + 1.0 / 12.0, mean(dx * dy)
     is_compact = count >= REGION.compactness * 4.0 * np.pi * np.sqrt(xx * yy - xy * xy)
     if not usable.all():
-        free = usable[regions.pixels[:, 1], regions.pixels[:, 0]]
-        is_compact &= np.logical_and.reduceat(free, regions.bounds[:-1])
+        is_compact &= np.logical_and.reduceat(usable[regions.pixels[:, 1], regions.pixels[:, 0]], regions.bounds[:-1])
     return regions.select(is_compact)

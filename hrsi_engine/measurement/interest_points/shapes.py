@@ -236,8 +236,7 @@ def _fit_sides(xy: np.ndarray, is_edge: np.ndarray, robust_px: tuple[float, ...]
         middle = np.sum(weight[..., None] * xy, axis=2) / total[..., None]
         d = xy - middle[:, :, None]
         scatter = np.swapaxes(weight[..., None] * d, 2, 3) @ d
-        pairs = scatter[:, :2] + scatter[:, 2:]
-        normal = np.linalg.eigh(pairs)[1][..., 0]
+        normal = np.linalg.eigh(scatter[:, :2] + scatter[:, 2:])[1][..., 0]
         side_normal = np.concatenate([normal, normal], axis=1)
         residual = np.sum(d * side_normal[:, :, None], axis=-1)
         if scale_px:
@@ -265,8 +264,7 @@ def _make_rectangles(lines: _Sides, edges: np.ndarray, is_edge: np.ndarray) -> S
     covariance = (inverse * pair_variance[:, None, :]) @ np.swapaxes(inverse, 1, 2)
     sides = (length[:, :2] + length[:, 2:]) / 2.0
     edge = lines.corners[:, 0:2] - lines.corners[:, [3, 0]]
-    longer = np.argmax(sides, axis=1)
-    along = edge[np.arange(len(edge)), longer]
+    along = edge[np.arange(len(edge)), np.argmax(sides, axis=1)]
     azimuth = (np.arctan2(along[:, 1], along[:, 0]) + np.pi / 2.0) % np.pi - np.pi / 2.0
     size = np.sort(sides, axis=1)[:, ::-1]
     rmse = np.sqrt(np.sum(on_side * lines.residual**2, axis=(1, 2)) / counted.sum(axis=1))

@@ -200,8 +200,7 @@ def _match_places(task: _Task, places: np.ndarray, options: ReferenceOptions) ->
     projected = task.image.rpc.project(places)
     expected = projected + task.bias.offset_px
     margin = task.step * (options.window_px // 2 + 1)
-    inside = np.all((expected > margin) & (expected < np.array(task.image.size) - 1.0 - margin), axis=1)
-    rows = np.flatnonzero(inside)
+    rows = np.flatnonzero(np.all((expected > margin) & (expected < np.array(task.image.size) - 1.0 - margin), axis=1))
     with open_calls(threads=options.threads) as calls:
         matches = list(calls.answers(lambda row: _match_place(task, expected[row], options), rows))
     successful = [match for match in matches if match is not None]

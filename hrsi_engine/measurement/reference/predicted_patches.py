@@ -232,8 +232,7 @@ def _find_peak(
         width = max(int(size / step), 1)
         count = min(max(int(np.ceil(width / BIAS.site)), 1), GRIDS.parts)
         side = min(width, BIAS.site) if count > 1 else width
-        places = np.linspace(0.0, size - step * side, count) if count > 1 else np.zeros(1)
-        starts.append(places)
+        starts.append(np.linspace(0.0, size - step * side, count) if count > 1 else np.zeros(1))
         sides.append(side)
     sites = [(np.array([sample, line]), (sides[1], sides[0])) for line in starts[1] for sample in starts[0]]
     for origin, shape in sites:

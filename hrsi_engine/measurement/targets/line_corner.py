@@ -66,8 +66,7 @@ class LineCorner:
     @property
     def rmse_px(self) -> float:
         """Root mean square distance of all used points from their lines."""
-        squares = [line.residual_px[line.used] ** 2 for line in self.lines]
-        return float(np.sqrt(np.mean(np.concatenate(squares))))
+        return float(np.sqrt(np.mean(np.concatenate([line.residual_px[line.used] ** 2 for line in self.lines]))))
 
 
 def fit_line(xy: np.ndarray, tolerance_px: float | None = None) -> Line:
@@ -183,8 +182,7 @@ def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> Edge
     smooth, slope = make_gaussian_kernels(BLUR.sigma_px)
     by_x, by_y = slopes(grey, smooth, slope, "reflect")
     strength = np.hypot(by_x, by_y)
-    clear = erode(usable, 5)
-    rows, columns = np.nonzero(clear & (strength > ROBUST.rejected * noise * compute_slope_noise()))
+    rows, columns = np.nonzero(erode(usable, 5) & (strength > ROBUST.rejected * noise * compute_slope_noise()))
     inner = (rows > 1) & (columns > 1) & (rows < grey.shape[0] - 2) & (columns < grey.shape[1] - 2)
     rows, columns = rows[inner], columns[inner]
     edge_strength = strength[rows, columns]

@@ -193,8 +193,7 @@ class TileFrame:
     def scale(self) -> float:
         """Pixels of the second tile per pixel of the first, geometric mean of both directions."""
         rows, columns = self.first.pixels.shape
-        jacobian = self.compute_jacobians(np.array([[0.5 * columns, 0.5 * rows]]))[0]
-        return float(np.sqrt(abs(np.linalg.det(jacobian))))
+        return float(np.sqrt(abs(np.linalg.det(self.compute_jacobians(np.array([[0.5 * columns, 0.5 * rows]]))[0]))))
 
     @cached_property
     def reach_px(self) -> tuple[float, float]:

@@ -41,8 +41,7 @@ def search_windows(
     centre = np.asarray(centre, dtype=np.int64).reshape(-1, 2)
     best = np.array(predicted, dtype=np.float64)
     figures = np.full((len(centre), 3), -1.0)
-    usable = first.mask_clear(half)[centre[:, 1], centre[:, 0]] & np.isfinite(best).all(axis=1)
-    rows = np.flatnonzero(usable)
+    rows = np.flatnonzero(first.mask_clear(half)[centre[:, 1], centre[:, 0]] & np.isfinite(best).all(axis=1))
     if len(rows):
         part = best[rows], figures[rows]
         kernels = load_kernels()
