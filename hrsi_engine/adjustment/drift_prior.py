@@ -128,6 +128,7 @@ class DriftPrior:
         return by_solution
 
     def _find_largest_change(self, estimated: np.ndarray) -> float:
+        """Return the largest relative change of the factors to the ``estimated (cameras, p)`` ones."""
         return float(np.abs(estimated / self.factor - 1.0).max(initial=0.0))
 
     def list_components(self) -> tuple[VarianceComponent, ...]:

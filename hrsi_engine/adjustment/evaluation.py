@@ -96,9 +96,10 @@ def fit_tracks(
 ) -> tuple[Observations, TrackFit]:
     """Intersect points with the block's cameras and predict each of their image points from the others.
 
-    Returns the observations that the fit's rows refer to, and the fit. Surveyed positions are not used; ``chosen
-    (points,)`` is True for the points that are used, each on two images or more. Without ``predict`` the predictions
-    and their enlargements are NaN. ``start (points, 3)`` are approximate positions, if they are known.
+    is_selected : (points,) mask of the points that are used, each on two images or more; their surveys are not used
+    predict : if false, the predictions and their enlargements are NaN
+    start : (points, 3) approximate positions, if they are known
+    Result: the observations that the fit's rows refer to, and the fit.
     """
     observations = select_points(block, is_selected)
     none, no_values = MODELS["none"], np.zeros((len(block.images), 0))
@@ -116,7 +117,14 @@ def fit_tracks(
 
 
 def _predict(observations: Observations, by_ground: np.ndarray, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``predicted_px`` and ``enlargement`` of `TrackFit` from the fit of all rays."""
+    """Return ``predicted_px (n, 2)`` and ``enlargement (n,)`` of `TrackFit` from the fit of all rays.
+
+    With the redundancy matrix R = I - B (B' W B)^-1 B' W of an image point, its residual v by all rays gives the
+    prediction error R^-1 v, and R^-1 is the covariance of that error in units of the measurement's variance. NaN where
+    R is nearly singular: without the image point, the others determine no position.
+
+    by_ground : (n, 2, 3) px/m; fit : (n, 2) v, px
+    """
     # B' W B of each point, and the part of each image point's noise that its own prediction contains
     weight = observations.sigma_px**-2.0
     normal = sum_groups(by_ground.swapaxes(1, 2) @ (weight[:, None, None] * by_ground), observations.first)
@@ -137,7 +145,10 @@ def _predict(observations: Observations, by_ground: np.ndarray, fit: np.ndarray)
 
 
 def _list_common_points(observations: Observations, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows ``(n,)`` of each point in two images, that of the image with the smaller index first."""
+    """Return the rows ``(k,)`` of each point in two images, that of the image with the smaller index first.
+
+    usable : (n,) rows that are compared, in the order of the points
+    """
     point = observations.point[usable]
     ones, second_lists = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for step in range(1, int(np.diff(observations.first).max(initial=1))):  # rows of one point follow one another

@@ -133,7 +133,7 @@ class GaussNewton:
         return self._descend(begin)
 
     def compute_camera_cofactors(self, solution: Solution) -> np.ndarray:
-        """Return the cofactors of the cameras on the pattern."""
+        """Return the cofactors of the cameras on the pattern, ``(blocks, p, p)``."""
         self.system.factorise(solution.normals.blocks, self.prior_weight)
         return self.system.compute_cofactors()
 
@@ -180,7 +180,10 @@ class GaussNewton:
         return replace(ended.at, converged=ended.converged, status=ended.status)
 
     def _reweight(self, solution: Solution, robustly: Callable[[np.ndarray], np.ndarray]) -> Solution:
-        """Return the same state with new robust factors and new weights of the external observations."""
+        """Return the same state with new robust factors and new weights of the external observations.
+
+        robustly : weight function of residuals in standard deviations (`weights`)
+        """
         weighting = solution.weighting
         for source in self.external:
             # the cofactors belong to the priors of coordinates that no source before it has observed again

@@ -212,7 +212,10 @@ class Adjuster(Snooping):
 
 
 def find_judging_gcps(problem: Problem, solution: Solution, survey_weight: np.ndarray) -> np.ndarray:
-    """Return the GCPs that are used in a solution and have complete surveys ``(m, 3)``, as leave-one-out tests need."""
+    """Return the GCPs ``(g,)`` that leave-one-out tests need: used, measured, and with complete surveys.
+
+    survey_weight : (m, 3) 1/m², 0 for coordinates that were not surveyed or are left out
+    """
     is_complete = (survey_weight > 0.0).all(axis=1) & solution.weighting.contributes
     measured = np.add.reduceat(solution.weight > 0.0, problem.observations.first[:-1], dtype=np.int64) > 0
     return np.flatnonzero(is_complete & measured & any_of_rows(survey_weight > 0.0))
@@ -223,8 +226,9 @@ def predict_left_out(
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Predict each GCP of ``control`` from the others, by the model and by those nested in it.
 
-    The loop's system has the factors of this solution. Returned are, by model, the squared errors ``(g,)`` in px², mean
-    over the images of each GCP; and the models that are too simple: tie points show the drift that they omit.
+    The loop's system has the factors of this solution.
+    Result: by model, the squared errors ``(g,)`` in px², mean over the images of each GCP; and the models that are too
+        simple: tie points show the drift that they omit, beyond chance and `EQUALITY.negligible`.
     """
     gcps, values = len(control.points), solution.state.values
     errors, change = [], np.zeros((values.size, gcps))
@@ -269,7 +273,7 @@ def predict_left_out(
 
 
 def locate_parameters(names: Sequence[str], of_camera: Sequence[str]) -> np.ndarray:
-    """Return the indices of parameters among those of a camera, by name; the prefix of appended drifts is ignored."""
+    """Return the indices ``(len(names),)`` of parameters among those of a camera; the prefix of drifts is ignored."""
     place = [name.removeprefix("drift_") for name in of_camera]
     return np.array([place.index(name.removeprefix("drift_")) for name in names], dtype=np.int64)
 

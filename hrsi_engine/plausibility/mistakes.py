@@ -50,13 +50,14 @@ UndoPixels = Callable[[np.ndarray, Image], np.ndarray]
 
 
 def _mirror_axis(xy: np.ndarray, image: Image, axis: int) -> np.ndarray:
+    """Return coordinates ``(n, 2)`` mirrored at the image's middle along an axis: 0 sample, 1 line."""
     turned = xy.copy()
     turned[:, axis] = 2.0 * image.centre_px[axis] - xy[:, axis]
     return turned
 
 
 def _turn_image(xy: np.ndarray, image: Image, quarters: int) -> np.ndarray:
-    """Return the coordinates in the original of an image that is a copy rotated clockwise by quarters of a circle."""
+    """Return the coordinates ``(n, 2)`` in the original of an image that is a copy rotated clockwise by quarters."""
     across, down = (2.0 * image.centre_px) if quarters % 2 == 0 else (2.0 * image.centre_px)[::-1]
     sample, line = xy.T
     turned = {1: (line, across - sample), 2: (across - sample, down - line), 3: (down - line, sample)}
@@ -116,7 +117,8 @@ def iterate_ground_mistakes(
 ) -> Iterator[GroundHypothesis]:
     """Yield the input errors of ground coordinates, each with the corrected points ``(n, 3)``.
 
-    ``shift_m (images, 2)`` are the shifts with the coordinates as given. Datums are tested for suspicious shifts only.
+    shift_m : (images, 2) shifts of the images with the coordinates as given, east and north
+    suspicious_shift : True if datums are tested too
     """
     ground = control.ground
     expected = np.nanmedian(control.sights.ground, axis=0)
@@ -145,7 +147,10 @@ def _iterate_axis_exchanges(ground: np.ndarray) -> Iterator[GroundHypothesis]:
 
 
 def _iterate_angular_units(ground: np.ndarray, expected: np.ndarray) -> Iterator[GroundHypothesis]:
-    """Yield longitudes and latitudes in an angular unit other than degrees, where the conversion brings them near."""
+    """Yield longitudes and latitudes in another angular unit than degrees, where the conversion brings them near.
+
+    ground : (n, 3) as given; expected : (3,) middle of the images' ground, lon, lat, height
+    """
     sign, size = np.sign(ground[:, :2]), np.abs(ground[:, :2])
     whole_degrees, digits = np.floor(size + 1e-9), 100.0 * (size - np.floor(size + 1e-9))
     minutes = np.floor(digits + 1e-7)
@@ -228,6 +233,10 @@ def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray 
 
 
 def _iterate_height_mistakes(control: ControlMeasurements, shift_m: np.ndarray) -> Iterator[GroundHypothesis]:
+    """Yield heights in feet, of another datum, and with one error common to all, the last as a remedy of last resort.
+
+    shift_m : (images, 2) shifts of the images with the heights as given
+    """
     ground, heights = control.ground, "the heights of the ground points"
     for factor, message in (
         (FEET_M, "are in feet"),
@@ -258,6 +267,8 @@ def estimate_common_lift(control: ControlMeasurements, shift_m: np.ndarray) -> t
 
     Heights too high by h shift every image by h times the slope of its rays. The RPCs' errors are modelled with one
     standard deviation for each image and the same for a part common to all (images of one pass).
+
+    shift_m : (images, 2) east, north
     """
     rows, right, sigma = [], [], []
     for index in control.images:
@@ -280,7 +291,7 @@ def estimate_common_lift(control: ControlMeasurements, shift_m: np.ndarray) -> t
 
 
 def find_undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
-    """Return the name of an installed geoid model and its undulations (m) at points; None if none is installed."""
+    """Return the name of an installed geoid model and its undulations ``(n,)`` at ``ground``, m; None without one."""
     if not len(ground) or not (np.abs(ground[:, 1]) <= 90.0).all():
         return None
     for name in GEOID_GRIDS:
@@ -290,6 +301,7 @@ def find_undulations(ground: np.ndarray) -> tuple[str, np.ndarray] | None:
 
 
 def _iterate_datums(ground: np.ndarray, expected: np.ndarray) -> Iterator[GroundHypothesis]:
+    """Yield the points moved by the difference of each datum in use at the place from WGS84, in either direction."""
     degrees = 1.0 / metres_per_degree(expected[None])[0]
     place = round(float(wrap_degrees(expected[0])), 1), round(float(expected[1]), 1)
     for sign, said in (

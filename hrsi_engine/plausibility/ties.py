@@ -142,7 +142,10 @@ class PairConsistency:
 
     @classmethod
     def from_points(cls, pairs: PairSample, is_wrong: np.ndarray, agreeing_share: np.ndarray) -> PairConsistency:
-        """Return the result from the mask of wrong points and the pairs' shares of agreeing points."""
+        """Return the result from the mask of wrong points and the pairs' shares of agreeing points.
+
+        is_wrong : (n,) of the points; agreeing_share : (pairs,), NaN for pairs with too few points
+        """
         telling = np.isfinite(agreeing_share)[pairs.pair]
         return cls(is_wrong, float(is_wrong[telling].mean()) if telling.any() else 0.0, agreeing_share)
 
@@ -154,10 +157,14 @@ def check_pairs(
     stretch: float = 1.0,
     shifted: bool = False,
 ) -> PairConsistency:
-    """Test the intersection of the rays of each pair, with the given or other images and coordinates.
+    """Test whether the rays of each pair intersect, with the given or other images and coordinates.
 
-    ``stretch`` is the scale of corrected coordinates: below 1 it reduces the tolerance. With ``shifted``, images may be
-    displaced by any distance, as is a crop whose origin was lost.
+    Across the epipolar plane the rays of correct points miss one another by the RPCs' relative bias, equal for all
+    points of two images, and a drift; the height of the intersection is within the range of the RPCs.
+
+    image, xy : (n, 2) indices of other images, and (n, 2, 2) other coordinates, for a test of input errors
+    stretch : scale of corrected coordinates: below 1 it reduces the tolerance
+    shifted : True if images may be displaced by any distance, as is a crop whose origin was lost
     """
     image = pairs.image if image is None else image
     xy = pairs.xy if xy is None else xy
@@ -208,9 +215,12 @@ def check_pairs(
 
 
 def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, limit: float) -> np.ndarray:
-    """Return the ray distances of a pair's points ``(n,)`` without RPC drift, if a drift explains nearly all of them.
+    """Return the ray distances of a pair's points without RPC drift, if a drift explains nearly all of them.
 
-    A drift is linear in the position ``xy (n, 2)``, at most ``limit`` (m/px). Wrong points do not follow one.
+    A drift is linear in the position. Wrong points do not follow one.
+
+    away_m, tolerance_m : (n,) distances of the rays, and the largest of correct points; xy : (n, 2) px
+    limit : largest drift, m/px
     """
     design = np.column_stack([np.ones(len(xy)), xy - np.median(xy, axis=0)])
     left, fits = away_m, np.abs(away_m) <= tolerance_m
@@ -226,10 +236,12 @@ def _remove_drift(away_m: np.ndarray, xy: np.ndarray, tolerance_m: np.ndarray, l
 
 
 def _compute_modes(values: np.ndarray, tolerance: np.ndarray, starts: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the centre of each pair's values, which begin at ``starts``; 0 where none is finite.
+    """Return the centre ``(pairs,)`` of each pair's values; 0 where none is finite.
 
-    It is that of the interval, twice the smallest ``tolerance`` wide, that contains most of them: jitter spreads the
-    values of correct points evenly. Pairs with the same numbers of values are computed together, for speed.
+    It is that of the interval, twice the smallest tolerance wide, that contains most of them: jitter spreads the values
+    of correct points evenly. Pairs with the same numbers of values are computed together, for speed.
+
+    values, tolerance : (n,) m; starts, sizes : (pairs,) first value of each pair, and their number
     """
     modes = np.zeros(len(starts))
     ordered = np.where(np.isfinite(values), values, np.inf)
@@ -304,7 +316,10 @@ def _select_common_images(ends: np.ndarray) -> list[int]:
 
 
 def _select_suspects(pairs: PairSample, consistency: PairConsistency, failing: np.ndarray) -> np.ndarray:
-    """Return the images at least half of whose pairs fail, the worst first (at most `TIE_CHECK.most_suspects`)."""
+    """Return the images at least half of whose pairs fail, the worst first (at most `TIE_CHECK.most_suspects`).
+
+    failing : (k,) indices of the failing pairs
+    """
     ends, count = pairs.ends, len(pairs.block.images)
     telling = np.isfinite(consistency.good)
     compute_all_pairs = np.bincount(ends[telling].ravel(), minlength=count)
@@ -321,7 +336,10 @@ def _find_best_mistake(
     """Return the input error that explains the failing pairs, its images, and the share of points still wrong then.
 
     It is followed by those with the same code that explain the pairs equally well: tie points of one strip do not
-    distinguish an image from its mirror image. The likelier is the first.
+    distinguish an image from its mirror image. The likelier is the first. None if no error, or more than one kind,
+    explains them.
+
+    suspects : (k,) indices of images
     """
     best: dict[str, tuple[float, Mistake, np.ndarray]] = {}
     for mistake, images, share in _iterate_hypotheses(pairs, consistency, suspects):
@@ -345,9 +363,11 @@ def _find_best_mistake(
 def _iterate_hypotheses(
     pairs: PairSample, consistency: PairConsistency, suspects: np.ndarray
 ) -> Iterator[tuple[Mistake, np.ndarray, float]]:
-    """Yield every input error, corrected on all or on suspected images, with the images and the share of wrong points.
+    """Yield every input error with the images on which it is corrected, and the share of points still wrong then.
 
     An error on all images makes many pairs fail; one on few images is tested in the pairs of these images only.
+
+    suspects : (k,) indices of images, of which one, two or three are wrong
     """
     if consistency.share >= TIE_CHECK.doubtful_share:
         all_images = np.arange(len(pairs.block.images))
@@ -394,7 +414,10 @@ def _compute_share_with(pairs: PairSample, given: PairConsistency, some: np.ndar
 
 
 def _undo_pixel_mistake(pairs: PairSample, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
-    """Return the image coordinates ``(n, 2, 2)`` with an input error on some images corrected."""
+    """Return the image coordinates ``(n, 2, 2)`` with an input error on some images corrected.
+
+    undo : corrects ``xy (k, 2)`` of an image; images : indices of those with the error
+    """
     xy = pairs.xy.reshape(-1, 2).copy()
     rows = np.flatnonzero(np.isin(pairs.image.ravel(), images))
     index = pairs.image.ravel()[rows]

@@ -148,7 +148,11 @@ class ObservationEquations:
     sigmas: np.ndarray
 
     def linearise_at(self, values: np.ndarray, roots: np.ndarray | None = None) -> EquationState:
-        """Return the weighted equations at ``values``; without ``roots`` of P, these are computed at the values."""
+        """Return the weighted equations at ``values (p,)``.
+
+        roots : (n, 2, 2) R of P = R'R, by default those at the values
+        Raises `SolveError` if a point has no position in the corrected image: it names the GCPs.
+        """
         control = self.control
         equations = self.linearise(values, control.ground)
         residual = control.xy - equations.computed
@@ -169,6 +173,7 @@ class ObservationEquations:
         return EquationState(values, roots, matrix, right, residual, cost)
 
     def _normalize(self, roots: np.ndarray, by_values: np.ndarray) -> np.ndarray:
+        """Return R A for scaled parameters, ``(2n, p)``, of the derivatives A ``by_values (n, 2, p)``."""
         return np.asarray((roots @ by_values).reshape(2 * len(self.control), -1) * self.sigmas)
 
     def gradient(self, state: EquationState) -> np.ndarray:
@@ -206,6 +211,9 @@ Estimator = Callable[[ObservationEquations], tuple[np.ndarray, int, str]]
 def estimate(model: RefinementModel, image: Image, control: Control, priors: Priors = CONTROL_ONLY) -> Estimate:
     """Return the least-squares estimate of a model's parameters from control points.
 
+    model : its `solve`, if it has one, replaces `iterate_least_squares`
+    priors : standard deviations of the parameters, by default so large that they only keep the equations regular
+    Result: also tells if the iteration did not converge.
     Raises `SolveError` if the iteration leaves the domain of the RPC.
     """
     sigmas = model.prior_sigmas(image, priors)
@@ -264,6 +272,7 @@ def iterate_least_squares(
         return try_step(state, np.linalg.solve(normal, equations.gradient(state)), damping)
 
     def try_step(state: EquationState, by_values: np.ndarray, damping: float) -> Step[EquationState]:
+        """Return the step to ``state.values + sigmas * by_values``; its cost is infinite outside the RPC's domain."""
         damping_term = 0.5 * damping * float(by_values @ (_diagonal(state.matrix) * by_values))
         predicted_decrease = 0.5 * float(by_values @ equations.gradient(state)) + damping_term
         try:
@@ -307,19 +316,25 @@ def iterate_least_squares(
 
 
 def _scale(values: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
-    """Return values in units of their prior standard deviations; 0 for fixed parameters (prior 0)."""
+    """Return ``values (p,)`` in units of their prior standard deviations ``sigmas (p,)``; 0 for fixed parameters."""
     return np.divide(values, sigmas, out=np.zeros_like(values), where=sigmas > 0.0)
 
 
 def _diagonal(matrix: np.ndarray) -> np.ndarray:
-    """Return the diagonal of the normal equations of scaled parameters, including the priors."""
+    """Return the diagonal ``(p,)`` of the normal equations ``matrix' matrix + I`` of scaled parameters."""
     return np.asarray(np.sum(matrix**2, axis=0) + 1.0)
 
 
 def solve_step(
     matrix: np.ndarray, right: np.ndarray, values: np.ndarray, sigmas: np.ndarray, damping: float = 0.0
 ) -> np.ndarray:
-    """Return the damped step of the scaled parameters ``(p,)``, whose priors (unit weight) draw the values to zero."""
+    """Return the damped step of the scaled parameters ``(p,)``, whose priors (unit weight) draw the values to zero.
+
+    The equations R A, the priors and the damping are stacked and solved without their normal equations.
+
+    matrix, right : (2n, p) R A and (2n,) R v; values, sigmas : (p,) present values, and prior standard deviations
+    damping : factor of the diagonal of the normal equations
+    """
     p = len(sigmas)
     if not p:
         return np.zeros(0)

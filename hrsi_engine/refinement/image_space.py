@@ -74,9 +74,10 @@ class ImagePolynomial:
         computed: np.ndarray,
         by_ground: np.ndarray,
     ) -> Equations:
-        """Return the equations of points of many images, from positions and derivatives by their RPCs (overwritten).
+        """Return the equations of points of many images, from positions and derivatives by their RPCs.
 
-        ``constants`` and ``values (images, …)`` are those of the images, ``which`` the index of each point's image.
+        constants, values : (images, 3) and (images, p) of the images; which : index of each point's image
+        ground : (n, 3), not used; computed, by_ground : (n, 2) px and (n, 2, 3) px/m by the RPCs, overwritten
         """
         terms = np.empty((len(ground), len(self.powers)))
         coefficients = self.coefficients(values)
@@ -106,22 +107,25 @@ class ImagePolynomial:
         return Structure(None, len(self.powers), self.mixing.reshape(2 * len(self.powers), len(self.parameters)))
 
     def correction(self, image: Image, values: np.ndarray, projected: np.ndarray) -> np.ndarray:
-        """Return the correction at projected positions ``(n, 2)``, in px."""
+        """Return the correction at projected positions ``(n, 2)``, px, for parameter ``values (p,)``."""
         return np.asarray(self._compute_terms(image, projected) @ (self.mixing @ values).T)
 
     def compute_normal(self, image: Image, projected: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Return the normal matrix ``(p, p)`` of the correction's derivatives, with weights ``(n,)``."""
+        """Return the normal matrix ``(p, p)`` of the correction's derivatives.
+
+        projected : (n, 2) positions by the RPC, px; weight : (n,) 1/px²
+        """
         terms = self._compute_terms(image, projected)
         product = (terms.T * weight) @ terms
         return np.asarray(sum(mixed.T @ product @ mixed for mixed in self.mixing))
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
-        """Return the corrected projection of ground points."""
+        """Return the corrected projection ``(n, 2)`` of ``ground (n, 3)``, px, for parameter ``values (p,)``."""
         projected = image.rpc.project(ground)
         return projected + self.correction(image, values, projected)
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
-        """Return the refined RPC: exact for corrections up to the first degree, otherwise fitted."""
+        """Return the refined RPC for ``values (p,)``: exact for corrections up to the first degree, else fitted."""
         if not np.any(values):
             return RefitRPC(image.rpc, 0.0)
         if self.powers.sum(axis=1).max(initial=0) > 1:
@@ -134,7 +138,10 @@ class ImagePolynomial:
         return refit_camera(self, image, values) if folded is None else RefitRPC(folded, 0.0)
 
     def _compute_terms(self, image: Image, projected: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the correction (px) by the coefficients of the monomials, ``(n, m)``."""
+        """Return the derivatives of the correction (px) by the coefficients of the monomials, ``(n, m)``.
+
+        projected : (n, 2) positions by the RPC, px
+        """
         offset = (projected - image.camera_centre_px) * image.camera_pixel
         of_axes = np.ones((2, int(self.powers.max(initial=0)) + 1, len(offset)))
         for power in range(1, of_axes.shape[1]):  # products: general powers take twenty times as long

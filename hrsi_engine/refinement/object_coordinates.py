@@ -97,7 +97,7 @@ class GroundPolynomial:
         return Structure(None, len(self.powers), np.eye(len(self.parameters)))
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
-        """Return the corrected projection of ground points."""
+        """Return the corrected projection ``(n, 2)`` of ``ground (n, 3)``, px, for parameter ``values (p,)``."""
         # The monomials, ``(n, m)``
         terms = np.prod(compute_ground_area(image).normalise(ground)[:, None, :] ** self.powers, axis=2)
         return np.asarray(image.rpc.project(ground) + terms @ values.reshape(2, -1).T / image.camera_pixel)
@@ -163,6 +163,7 @@ def correct_by_ground(
 
 
 def _polynomial(name: str, title: str, degree: int) -> GroundPolynomial:
+    """Return the model of all monomials x^i y^j z^k up to a degree, with a coefficient each in sample and in line."""
     powers = [
         (i, j, k)
         for total in range(degree + 1)

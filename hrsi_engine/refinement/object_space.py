@@ -60,7 +60,10 @@ class GroundCorrection:
         return np.asarray(self.entries[:, 1] != 0)
 
     def prior_sigmas(self, image: Image, priors: Priors) -> np.ndarray:
-        """Return the prior of each parameter, m: the shift, or the drift from the middle of the image to its edge."""
+        """Return the prior of each parameter ``(p,)``, m: the shift, or the drift from the image's middle to its edge.
+
+        Heights get a share of it if plan has the same terms: an image determines corrections across its rays only.
+        """
         metres = 1.0 / float(compute_px_per_m([image])[0])
         drift = priors.drift * float(image.camera_half_size_px.max()) * metres
         sigma = np.where(self.entries[:, 1] == 0, priors.shift_px * metres, drift)
@@ -117,7 +120,7 @@ class GroundCorrection:
         return Structure(3, count, mixing.reshape(-1, parameters))
 
     def project(self, image: Image, values: np.ndarray, ground: np.ndarray) -> np.ndarray:
-        """Return the corrected projection of ground points."""
+        """Return the corrected projection ``(n, 2)`` of ``ground (n, 3)``, px, for parameter ``values (p,)``."""
         if not np.any(values):
             return image.rpc.project(ground)
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]

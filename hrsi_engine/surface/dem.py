@@ -122,6 +122,10 @@ def intersect_surface(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> Su
 
 
 def _intersect_part(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> SurfaceIntersection:
+    """Return the intersections of a part of the rays: enclose the terrain, march down, close in (see the module).
+
+    image : (n, 2) sample, line
+    """
     ends = _find_ray_ends(rpc, image, surface)
     ground = np.full((len(image), 3), np.nan)
     status = np.where(ends.converged, int(Status.OUTSIDE), int(Status.NO_RAY))
@@ -156,6 +160,8 @@ def _find_ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayE
     """Return the end points of rays at heights just above and below all terrain along them.
 
     The terrain along the rays depends on these heights: iterated, starting from the RPC's height range.
+
+    image : (n, 2) sample, line
     """
     low, high = rpc.height_range
     for _ in range(ITERATIONS.most):
@@ -174,6 +180,7 @@ def _find_ray_ends(rpc: RPC, image: np.ndarray, surface: HeightSurface) -> _RayE
 
 
 def _localize_between(rpc: RPC, image: np.ndarray, surface: HeightSurface, low: float, high: float) -> _RayEnds:
+    """Return the ends of the rays of ``image (n, 2)`` at the heights ``low`` and ``high``, m."""
     upper, lower = rpc.localize(image, high), rpc.localize(image, low)
     lower.ground[:, 0] = upper.ground[:, 0] + wrap_degrees(lower.ground[:, 0] - upper.ground[:, 0])
     grid = [np.full((len(image), 2), np.nan) for _ in range(2)]
@@ -187,7 +194,11 @@ def _localize_between(rpc: RPC, image: np.ndarray, surface: HeightSurface, low: 
 def _march_down(
     upper: np.ndarray, lower: np.ndarray, heights: tuple[float, float], surface: HeightSurface
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Follow straight rays down; return their status and the heights ``(n, 2)`` just before and after the first hit."""
+    """Follow straight rays down in equal steps to the first sample below the terrain.
+
+    upper, lower : (n, 2) grid coordinates of the rays at the higher and the lower of ``heights``, m
+    Result: values of `Status` ``(n,)``, and the heights ``(n, 2)`` just before and after the hit, NaN without one.
+    """
     low, high = heights
     steps = max(1, int(np.ceil(float(np.abs(upper - lower).max()) / RAY_TRACING.step)))
     count = len(upper)
@@ -219,9 +230,13 @@ def _close_in_on_surface(
 
     Regula falsi in the Illinois variant (Dowell and Jarratt 1971), with a bisection in every fourth iteration, since
     the surface is continuous but not smooth.
+
+    image : (n, 2) sample, line; bracket : (n, 2) heights above and below the intersection, m
+    Result: ``(n, 3)`` lon, lat, height, and ``(n,)`` bool.
     """
 
     def find_height_above(rows: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the ground points of some rays at heights ``(k,)``, and how far above the surface they are, m."""
         point = rpc.localize(image[rows], height).ground
         return point, height - surface_heights(surface, point[:, :2])
 

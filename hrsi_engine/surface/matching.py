@@ -167,9 +167,13 @@ class SurfaceMatcher:
         )
 
     def refine(self, start_m: np.ndarray, reach_m: float) -> SurfaceMatch | None:
-        """Return the least-squares displacement near a start ``(3,)``; None if too few points have heights.
+        """Return the least-squares displacement near a start; None if too few points have heights.
 
-        ``reach_m`` is an a priori standard deviation in plan; it makes the normal equations of flat ground regular.
+        The weights are those of Tukey's biweight, about the centre of the shortest half first, and of the smoothness of
+        facets.
+
+        start_m : (3,) east, north, up
+        reach_m : a priori standard deviation in plan; it makes the normal equations of flat ground regular
         """
         d, ridge, cut = start_m.copy(), np.diag([reach_m**-2, reach_m**-2, 0.0]), ROBUST.rejected
         is_near = False  # relative to the robust centre first, then to the estimate, whose variance is smaller
@@ -242,11 +246,13 @@ class SurfaceMatcher:
 
 
 def _whiten(values: np.ndarray, weight: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Return columns ``(n, k)`` (last: misclosures) minus a share of their means over parts of the ground ``(n,)``.
+    """Return columns minus a share of their means over parts of the ground.
 
     The common error of the misclosures in a part (woods, long-wave noise of a radar DEM) is a random effect. With its
     variance u and the variance e of single points, generalised least squares subtract 1 - sqrt(e / (e + n u)) times the
     mean of its n points (Wallace and Hussain 1969).
+
+    values : (n, k), the misclosures last; weight : (n,); part : (n,) number of each point's part, from 0
     """
     total = np.bincount(part, weight) + 1e-12
     means = np.stack([np.bincount(part, weight * column) / total for column in values.T], axis=1)
@@ -259,10 +265,13 @@ def _whiten(values: np.ndarray, weight: np.ndarray, part: np.ndarray) -> np.ndar
 
 
 def _weigh_facets(facets: np.ndarray, scale: float) -> np.ndarray:
-    """Return weights ``(n,)`` of points by how smooth the surface is there: heights ``(5, n)`` at it, east, west, …
+    """Return weights ``(n,)`` of points by how smooth the surface is there.
 
     At the edge of a wall, or of cells with a wrong height, the slopes of the two sides differ. Such slopes have the
     largest leverage and the least information.
+
+    facets : (9, n) heights at each point, and one cell to its east, west, north and south (the others are not used), m
+    scale : standard deviation of the misclosures, m
     """
     weight = np.ones(facets.shape[1])
     for high, low in ((1, 2), (3, 4)):
@@ -290,7 +299,7 @@ def shortest_half(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _find_minima(scores: np.ndarray) -> np.ndarray:
-    """Return the indices of the lowest local minima of a square grid of scores, the lowest first."""
+    """Return the indices ``(k,)`` of the lowest local minima of a square grid of ``scores``, the lowest first."""
     side = int(np.sqrt(len(scores)))
     grid = np.pad(np.where(np.isfinite(scores), scores, np.inf).reshape(side, side), 1, constant_values=np.inf)
     neighbour_minimum = np.lib.stride_tricks.sliding_window_view(grid, (3, 3)).min(axis=(2, 3)).ravel()
@@ -301,9 +310,14 @@ def _find_minima(scores: np.ndarray) -> np.ndarray:
 def _sum_over_cells(
     N: np.ndarray, ridge: np.ndarray, score: np.ndarray, place_m: np.ndarray, cell_m: float
 ) -> tuple[np.ndarray, float]:
-    """Return the covariance ``(3, 3)`` from estimating equations ``score (n, 3)`` summed over cells of the ground.
+    """Return the covariance of the displacement by estimating equations summed over cells, and the number of these.
 
-    Also the number of independent cells: the number of points divided by the variance factor of the largest sums.
+    With the derivative N of the equations and their sums s_c over cells it is N^-1 (sum s_c s_c') N^-1 (Liang and Zeger
+    1986). The size of the cells is doubled until few are left; the largest covariance is returned.
+
+    N, ridge : (3, 3) derivative, and its part by the prior in plan; score : (n, 3) estimating equations of the points
+    place_m : (n, 2) east, north; cell_m : side of the smallest cells
+    Result: ``(3, 3)`` m²; number of points divided by the variance factor of the largest sums.
     """
     inverse, single = np.linalg.inv(N), score.T @ score + 1e-9 * N
     largest, meat, side, offset_m = 1.0, single, cell_m, place_m - place_m.min(axis=0)

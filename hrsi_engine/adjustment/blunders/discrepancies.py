@@ -56,7 +56,10 @@ class Discrepancies:
     by_unknown: sparse.csr_matrix = field(default_factory=lambda: sparse.csr_matrix((0, 0)))
 
     def test_subset(self, subset: np.ndarray) -> tuple[float, int]:
-        """Return the decrease of the sum of squares without some observations (indices), and its dimensions."""
+        """Return T of some observations, the decrease of the sum of squares without them, and its degrees of freedom.
+
+        subset : (e,) indices of the observations; directions that hardly appear in the residuals are not counted
+        """
         values, vectors = np.linalg.eigh(self.s[subset[:, None], subset])
         is_tested = values > REDUNDANCY.tested
         along = vectors[:, is_tested].T @ self.u[subset]
@@ -76,7 +79,7 @@ class Discrepancies:
         return tests
 
     def invert_subset(self, subset: np.ndarray) -> np.ndarray:
-        """Return S_EE^-1 of some observations, without directions that do not appear in the residuals."""
+        """Return S_EE^-1 ``(e, e)`` of observations ``subset (e,)``, without directions that residuals do not show."""
         block = self.s[subset[:, None], subset]
         try:  # if norms prove a regular matrix: eight times as fast as eigenvalues
             inverse = np.linalg.inv(block)
@@ -87,11 +90,14 @@ class Discrepancies:
         return np.asarray(np.linalg.pinv(block, rcond=REDUNDANCY.tested, hermitian=True))
 
     def estimate_errors(self, subset: np.ndarray) -> np.ndarray:
-        """Return the errors (m, px) of some observations, observed - true, as predicted by all other observations."""
+        """Return d of observations ``subset (e,)``: observed minus predicted by all others, ``(e,)`` in m or px."""
         return np.asarray(self.sigma[subset] * (self.invert_subset(subset) @ self.u[subset]))
 
     def exclude(self, excluded: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
-        """Return the discrepancies of all others when some observations (indices) are left out."""
+        """Return the discrepancies of all other observations when those of ``excluded (e,)`` are left out.
+
+        inverse : (e, e) `invert_subset` of these, if it was computed before
+        """
         return self.reduce_to(np.delete(np.arange(len(self.u)), excluded), excluded, inverse)
 
     def reduce_to(self, subset: np.ndarray, excluded: np.ndarray, inverse: np.ndarray | None = None) -> Discrepancies:
@@ -135,7 +141,11 @@ class Discrepancies:
 
 
 def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solution, points: np.ndarray) -> Discrepancies:
-    """Return the discrepancies of some GCPs ``(g,)`` at a solution; observations without weight are not contained."""
+    """Return the discrepancies of some GCPs at a solution; observations without weight are not contained.
+
+    loop : its system is factorised here, with the loop's priors; points : (g,) indices of the GCPs
+    Result: S is dense, ``(k, k)``, for the k observations of these GCPs.
+    """
     observations, priors = problem.observations, solution.weighting.points
     system, parameters = loop.system, loop.prior_weight.shape[1]
     system.factorise(solution.normals.blocks, loop.prior_weight)
@@ -208,7 +218,11 @@ def _stack_by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], coun
 def compute_derivatives(
     problem: Problem, solution: Solution, points: np.ndarray
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Return the derivatives by the camera's values (k, 2, p) and by the position (k, 2, 3) of each point's rows."""
+    """Return derivatives of the image points of each of the ``points (g,)``, those of its k rows with weight.
+
+    Result: by index of the point, derivatives by the camera's values ``(k, 2, p)``, px per unit, and by the position
+        ``(k, 2, 3)``, px/m east, north, up.
+    """
     observations = problem.observations
     rows, _ = observations.find_rows(points)
     rows = rows[solution.weight[rows] > 0.0]

@@ -134,7 +134,10 @@ class Snooping:
         return changed > SNOOPING.rare * len(decision)
 
     def estimate_tie_variance_by_rays(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
-        """Estimate the variance factor of tie points by rays; return their squares and its degrees of freedom."""
+        """Set the variance factor of tie points; return their sums of squares ``(m,)`` and its degrees of freedom.
+
+        present : weights without the measurements left out, and priors without external heights (`weigh_rays_alone`)
+        """
         observations = self.problem.observations
         squares = compute_point_squares(self.problem, solution, present)
         rays = np.add.reduceat(present.image > 0.0, observations.first[:-1], dtype=np.int64)
@@ -211,7 +214,7 @@ class Snooping:
         return last[2]
 
     def _find_testable_gcps(self, solution: Solution) -> np.ndarray:
-        """Return the GCPs that have a survey and a measurement with weight."""
+        """Return the GCPs ``(g,)`` that have a survey and a measurement with weight: indices of points."""
         weighting, observations = solution.weighting, self.problem.observations
         measured = np.add.reduceat(solution.weight > 0.0, observations.first[:-1], dtype=np.int64) > 0
         is_fixed = weighting.contributes & weighting.points.held & observations.surveyed
@@ -221,7 +224,11 @@ class Snooping:
 def leave_out(
     problem: Problem, control: Discrepancies, suspect: Suspect, survey_weight: np.ndarray, round_findings: RoundFindings
 ) -> None:
-    """Set the weights of a GCP's wrong part to zero: of the survey ``(m, 3)``, or of measurements; in place."""
+    """Set the weights of a GCP's wrong part to zero: of the survey ``(m, 3)``, or of measurements; in place.
+
+    control : discrepancies in which ``suspect`` was found; the decisions and test values of ``round_findings`` change
+        too
+    """
     point = int(control.points[suspect.gcp])
     rows, kind = np.zeros(0, dtype=np.int64), Decision.DOUBTFUL
     if suspect.what == "height":

@@ -69,9 +69,12 @@ def estimate_tie_variance(
 ) -> tuple[float, float]:
     """Return the variance factor of the tie points, and its degrees of freedom; 1 and 0 without tie points.
 
-    It is the median of their sums of squares ``(m,)`` over the expected ones, of points on two ``rays (m,)`` or more;
-    not of points reduced to two rays, which were selected because they agree. Sums of squares that are differences of
-    nearly equal numbers may be negative by rounding: the factor is at least `EQUALITY.rounding`.
+    It is the median of the sums of squares over that of chi² with 2 k - 3 degrees of freedom for k rays, of points on
+    two rays or more; not of points reduced to two rays, which were selected because they agree. Sums of squares that
+    are differences of nearly equal numbers may be negative by rounding: the factor is at least `EQUALITY.rounding`.
+
+    squares, rays : (m,) weighted sum of squares and number of used rays of each point; ties : (m,) mask of the tie
+        points
     """
     testable = ties & (rays >= np.minimum(np.diff(observations.first), 3)) & (rays >= 2)
     if not testable.any():
@@ -88,7 +91,10 @@ def tie_test_limit(sigmas: float, rays: int) -> float:
 
 
 def compute_point_squares(problem: Problem, solution: Solution, weighting: Weighting) -> np.ndarray:
-    """Return each point's smallest weighted sum of squares with fixed cameras, ``(m,)``."""
+    """Return each point's smallest weighted sum of squares with fixed cameras, ``(m,)``: v' P v - m' V^-1 m.
+
+    weighting : of the image points and of the points' priors; the solution's robust factors are not applied
+    """
     normals = solution.normals  # the points' parts do not depend on which points contribute to the cameras
     if weighting is not solution.weighting or not (solution.factor == 1.0).all():
         nobody = np.zeros(len(problem.observations.points), dtype=bool)
@@ -195,7 +201,7 @@ def check_ties(
 
 
 def _list_terms(observations: Observations, rows: np.ndarray) -> np.ndarray:
-    """Return the monomials up to the second degree of the positions in their images, scaled to -1 to 1, ``(k, 6)``."""
+    """Return 1, u, v, u², u v, v² ``(k, 6)`` of the positions of image points ``rows (k,)``, scaled to -1 … 1."""
     u, v = observations.places[rows].T
     return np.column_stack([np.ones(len(rows)), u, v, u * u, u * v, v * v])
 
@@ -275,7 +281,10 @@ class PointRays:
         return self.decision, self.failed
 
     def _mark_doubtful(self, points: np.ndarray, excluded: np.ndarray, failed: np.ndarray) -> None:
-        """Leave out measurements ``excluded (l, k)`` as doubtful, and blunders found with their help."""
+        """Leave out measurements ``excluded (l, k)`` of points as doubtful, and blunders found with their help.
+
+        points : (l,) indices; failed : (l,) test value (sigmas) that is reported for the measurements
+        """
         guessed = excluded | (self.decision[points] == int(Decision.BLUNDER))
         self.decision[points] = np.where(guessed, int(Decision.DOUBTFUL), self.decision[points])
         self.failed[points] = np.where(excluded, failed[:, None], self.failed[points])
@@ -285,6 +294,8 @@ class PointRays:
         """Leave out the rays outside the largest set of rays that agree with the intersection of two of them.
 
         If there are several such sets, the rays that they do not have in common are doubtful.
+
+        points : (l,) indices of points in which two blunders may mask each other; sigmas : limit of the tests
         """
         count, length = len(points), self.weight.shape[1]
         residual, by_ground = self.residual[points], self.by_ground[points]
@@ -336,7 +347,15 @@ class PointRays:
     def _leave_out(
         self, points: np.ndarray, tests: np.ndarray, squares: np.ndarray, rays: np.ndarray, sigmas: float
     ) -> None:
-        """Leave out the worst measurement, or all those that could be the wrong one."""
+        """Leave out the worst measurement of each point, or all those that could be the wrong one, as doubtful.
+
+        A measurement could be the wrong one if the others agree without it by a chi² test. Doubtful are also both of
+        two rays.
+
+        points, squares, rays : (l,) indices of points that failed, their sums of squares, and their numbers of used
+            rays
+        tests : (l, k) test values of their measurements; sigmas : limit of the tests
+        """
         freedom = np.maximum(2 * rays - 5, 1)
         acceptable = np.array([critical_value(sigmas, d) for d in range(1, int(freedom.max(initial=1)) + 1)])[
             freedom - 1

@@ -62,9 +62,12 @@ class CameraSystem:
     def solve_nearby(
         self, blocks: np.ndarray, prior_weight: np.ndarray, damping: float, right: np.ndarray
     ) -> np.ndarray:
-        """Return the solution ``(cameras, p)`` for a matrix near the last one; arguments of `factorise` and `solve`.
+        """Return the solution ``(cameras, p)`` for a matrix near the last one.
 
-        It uses conjugate gradients preconditioned by the factors of the last matrix, if these converge.
+        It uses conjugate gradients preconditioned by the factors of the last matrix, if these converge; otherwise the
+        matrix is factorised.
+
+        blocks, prior_weight, damping : as of `factorise`; right : (cameras, p)
         """
         has_factors = self._factorised is not None and self._factorised[2] == damping == 0.0
         if has_factors and right.size >= SYSTEM.nearby_unknowns:
@@ -75,9 +78,10 @@ class CameraSystem:
         return self.solve(right)
 
     def _solve_by_gradients(self, blocks: np.ndarray, prior_weight: np.ndarray, right: np.ndarray) -> np.ndarray | None:
-        """Return the solution by conjugate gradients, or None if the available factors differ too much from the matrix.
+        """Return the solution ``(cameras, p)`` by conjugate gradients; None if the factors differ too much.
 
-        They are used if the residual falls, from the first step on, fast enough for `SYSTEM.nearby_iterations`.
+        They are used if the residual falls, from the first step on, fast enough for `SYSTEM.nearby_iterations`. The
+        algorithm is that of Hestenes and Stiefel (1952) with a preconditioner.
         """
         pattern, size = self.pattern, right.size
         upper = sparse.bsr_matrix((blocks, pattern.columns, pattern.start), shape=(size, size))

@@ -70,7 +70,12 @@ class NumpyElimination:
         contributes: np.ndarray,
         sums: Normals,
     ) -> None:
-        """Add the part to the sums ``blocks (b, t t, q q)`` and ``right (cameras, q t)``; write its points' results."""
+        """Add N - W V^-1 W' and n - W V^-1 m of a part to the sums; write V^-1, m and the residuals of its points.
+
+        weight : (n,) of the image points, 1/px²; ground : (m, 3) lon, lat, height; contributes : (m,) mask of the
+            points that enter the sums
+        sums : ``blocks (b, t t, q q)`` and ``right (cameras, q t)`` by the coefficients (`Structure`); changed in place
+        """
         observations, pattern, p = self.observations, self.pattern, sums.right.shape[1]
         sums.residual[:] = linear.residual
         matrix, point_right = _point_normals(part, linear, weight, ground, priors)
@@ -118,7 +123,7 @@ class NumpyElimination:
             )
 
     def _scatter(self, products: np.ndarray, camera: np.ndarray, blocks: np.ndarray) -> None:
-        """Subtract ``products (m, k p, k p)`` from the upper blocks of their cameras ``(m, k)``."""
+        """Subtract ``products (m, k p, k p)`` from the upper ``blocks (blocks, p, p)`` of their cameras ``(m, k)``."""
         count, length = camera.shape
         p = blocks.shape[1]
         parts = products.reshape(count, length, p, length, p).transpose(0, 1, 3, 2, 4)
@@ -138,7 +143,10 @@ class NumpyElimination:
     def solve_points(
         self, part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
     ) -> np.ndarray:
-        """Return the points' steps ``(k, 3)`` in metres with fixed cameras."""
+        """Return the points' steps V^-1 m ``(k, 3)`` in metres with fixed cameras.
+
+        weight : (n,) of all image points; ground : (m, 3) of all points
+        """
         rows, _ = self.observations.find_rows(part.points)
         matrix, right = _point_normals(part, linear, weight[rows], ground, priors)
         return np.einsum("mij,mj->mi", np.linalg.inv(matrix), right)
@@ -194,7 +202,7 @@ class NumpyElimination:
 
 
 def _compose_derivatives(linear: Linearisation) -> np.ndarray:
-    """Return the derivatives by the parameters, as cameras that are evaluated by image have them."""
+    """Return the derivatives by the parameters, ``(r, 2, p)``, as cameras that are evaluated by image have them."""
     if linear.by_quantity is None:
         raise ValueError("cameras that are evaluated by image give derivatives by their parameters: there are none")
     return linear.by_quantity
@@ -203,7 +211,10 @@ def _compose_derivatives(linear: Linearisation) -> np.ndarray:
 def _point_normals(
     part: Portion, linear: Linearisation, weight: np.ndarray, ground: np.ndarray, priors: PointPriors
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return V and m of the points of a part; ``weight`` are those of its image points."""
+    """Return V ``(k, 3, 3)`` and m ``(k, 3)`` of the k points of a part, priors included.
+
+    weight : (r,) of the part's image points, 1/px²; ground : (m, 3) of all points
+    """
     first = part.place[:-1]
     matrix, right = np.empty((len(first), 3, 3)), np.empty((len(first), 3))
     weighted = linear.by_ground * weight[:, None, None]

@@ -95,7 +95,11 @@ class NormalEquations:
         return residual
 
     def form_normals(self, state: State, weight: np.ndarray, priors: PointPriors, contributes: np.ndarray) -> Normals:
-        """Return the reduced equations; only points where ``contributes (m,)`` is true enter the cameras' part."""
+        """Return the reduced equations at a state.
+
+        weight : (n,) of the image points, 1/px², 0 for those not used; priors : of the points' positions
+        contributes : (m,) mask of the points that enter the cameras' part; V^-1 and m are computed for all points
+        """
         observations, pattern, linearise = self.observations, self.pattern, self.cameras.linearise_at(state, keep=True)
         structure, points = self.cameras.structure, len(observations.points)
         threads = max(1, min(self.threads, MOST_SUMS_BYTES // max(8 * pattern.blocks * len(structure.mixing) ** 2, 1)))

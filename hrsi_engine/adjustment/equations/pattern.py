@@ -38,16 +38,16 @@ class Pattern:
 
     @cached_property
     def rows(self) -> np.ndarray:
-        """Row of each block."""
+        """Row of each block, ``(blocks,)``."""
         return np.repeat(np.arange(self.cameras, dtype=self.columns.dtype), np.diff(self.start))
 
     @property
     def diagonal(self) -> np.ndarray:
-        """Indices of the diagonal blocks, in the order of the cameras."""
+        """Indices of the diagonal blocks, in the order of the cameras, ``(cameras,)``."""
         return self.start[:-1]
 
     def find_blocks(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-        """Return the indices of existing blocks at ``row`` and ``column``, ``row <= column``."""
+        """Return the indices ``(k,)`` of existing blocks at ``row`` and ``column``, ``row <= column``."""
         keys = self.rows.astype(np.int64) * self.cameras + self.columns
         return np.searchsorted(keys, row.astype(np.int64) * self.cameras + column)
 

@@ -158,11 +158,13 @@ class HeightObservations:
     def add_to_priors(
         self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray, by_cell: bool = False
     ) -> PointPriors:
-        """Return the priors with the sources' heights at positions ``(m, 3)``, weighted by how well they fit.
+        """Return the priors with the sources' heights at present positions, weighted by how well they fit.
 
-        ``cofactors (m, 3, 3)`` are those of the positions for fixed cameras, with the ``priors``. With ``by_cell`` each
-        height has the weight of its own sigma, after the median deviation of its source is subtracted: for the
-        estimation of image errors that change along the lines, by which heights deviate, but which they do not share.
+        priors : of the points, with the heights of the last pass; ground : (m, 3) positions
+        cofactors : (m, 3, 3) V^-1 of the positions for fixed cameras, with the ``priors``, m²
+        by_cell : True if each height has the weight of its own sigma, after the median deviation of its source is
+            subtracted: for the estimation of image errors that change along the lines, by which heights deviate, but
+            which they do not share
         """
         count = len(ground)
         information, moment = np.zeros(count), np.zeros(count)
@@ -197,7 +199,11 @@ class HeightObservations:
     def fit_sources(
         self, priors: PointPriors, ground: np.ndarray, cofactors: np.ndarray
     ) -> list[SourceFit[HeightRows]]:
-        """Return each source's observations at positions ``(m, 3)``, with the fit of each; as `add_to_priors`."""
+        """Return each source's observations at the present positions, with their fit and weights; as `add_to_priors`.
+
+        The heights h by the rays alone follow from the present ones g = (1 - q w) h + q w t, with the cofactors q and
+        the targets t and weights w of the present priors; their variances are q / (1 - q w).
+        """
         judged: list[SourceFit[HeightRows]] = []
         for source in self.sources:
             rows = source.observe_heights(ground, cofactors)
@@ -269,7 +275,11 @@ class HeightObservations:
 def _summarise_source(
     one: SourceFit[HeightRows], ground: np.ndarray, total: float, of_points: np.ndarray, of_cameras: np.ndarray
 ) -> HeightAgreement:
-    """Return a source's agreement; variances ``(m,)`` of the points with fixed cameras, and from the cameras."""
+    """Return a source's agreement with the adjusted points.
+
+    ground : (m, 3) adjusted; total : weights of all sources in the block's height, 1/m²
+    of_points, of_cameras : (m,) variances of the heights with fixed cameras, and by the cameras' errors, m²
+    """
     rows, is_used = one.rows, one.factor > 0.0
     count = len(one.difference_m)
     differences = np.bincount(rows.of, rows.share * (ground[rows.point, 2] - rows.height), count)

@@ -124,7 +124,11 @@ class LaserHeights:
     weighting_sigma_m = overall_m
 
     def observe_heights(self, ground: np.ndarray, _cofactors: np.ndarray) -> HeightRows:
-        """Return the observed laser heights at the points' positions."""
+        """Return the laser heights at the tie points around them, reduced along the plane of the ground.
+
+        ground : (m, 3) positions of all points; tie points are assigned again if they moved by more than
+            `LASER_FIT.moved_m`
+        """
         plan = self._planned
         if plan is None or plan.shift_m(ground) > LASER_FIT.moved_m:
             plan = self._planned = self._find_ties(ground)
@@ -211,7 +215,10 @@ class _TiesOfPoints(NamedTuple):
         return cls(none, none, none, none, np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.full(3, np.nan), none)
 
     def shift_m(self, ground: np.ndarray) -> float:
-        """Return the distance in plan by which the tie points have moved since; infinite without tie points."""
+        """Return the distance in plan by which the mean tie point has moved, m; infinite without tie points.
+
+        ground : (m, 3) present positions of all points
+        """
         if not len(self.placed):
             return np.inf
         offset_m = (ground[self.placed, :2].mean(axis=0) - self.middle[:2]) * metres_per_degree(ground[:1])[0, :2]

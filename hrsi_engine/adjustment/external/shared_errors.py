@@ -160,6 +160,8 @@ def _find_core(difference: np.ndarray, sigma: np.ndarray) -> tuple[float, float]
     """Return the median of the bulk of the differences, and the factor by which their sigmas are too small (1 or more).
 
     Differences far from the median are removed repeatedly: a quarter of canopy heights must not enlarge the scale.
+
+    difference, sigma : (k,) observed minus computed, and its standard deviation, m
     """
     middle, scale = float(np.median(difference)), np.inf
     core = np.ones(len(difference), dtype=bool)
@@ -221,8 +223,10 @@ def compare_groups(
 ) -> list[np.ndarray]:
     """Test the groups of all sources against one another; leave out those with outlying offsets.
 
-    ``memory`` is the history of earlier passes; ``beside`` are offsets by other observations. Returned are masks of
-    those of the latter that contradict the others.
+    judged : fits of the sources; their ``groups`` are filled, and weights of groups left out become zero
+    memory : history of earlier passes, updated
+    beside : offsets by other observations (surveyed heights, RPCs), which take part in the test
+    Result: for each of ``beside`` the mask ``(k,)`` of its offsets that contradict the others; empty without groups
     """
     group_offsets: list[GroupOffset] = []
     for number, one in enumerate(judged):

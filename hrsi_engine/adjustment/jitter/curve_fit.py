@@ -89,7 +89,7 @@ class WeightedPoints:
         self.of_cameras = np.diag(1e-6 * np.maximum(squares, 1e-12 * max(squares.max(initial=0.0), 1e-12)))
 
     def weigh(self, residual: np.ndarray) -> None:
-        """Set the robust weights of the points by their residuals."""
+        """Set the robust weights of the points by their ``residual (rows,)``: Cauchy's, of the RMS of their rows."""
         length = np.sqrt(np.bincount(self.number, residual**2) / (self.counts * self.noise))
         self.weight = (1.0 / (1.0 + (length / ROBUST.outlier) ** 2))[self.number]
         self.root = sparse.diags(np.sqrt(self.weight)) @ self.matrix
@@ -141,7 +141,11 @@ class CurveFit:
         self.solved = self._solve(weighted.projected / weighted.noise)
 
     def compute_log_likelihood(self) -> float:
-        """Return the logarithm of the marginal likelihood of the prior, but for a constant."""
+        """Return the logarithm of the marginal likelihood of the prior, but for a constant.
+
+        It is -(y' P y / n - y' P B x / n + log det K - log det R) / 2 at the solution x, with the weights P of the
+        points.
+        """
         weighted = self.weighted
         misfit = float(weighted.weight @ weighted.right**2 - weighted.projected @ self.solved) / weighted.noise
         return -0.5 * (misfit + self._log_determinants)
@@ -155,13 +159,14 @@ class CurveFit:
         return self.solved + self._solve(right)
 
     def _solve(self, right: np.ndarray) -> np.ndarray:
+        """Return the unknowns for a right side ``(unknowns,)``, by the splines' factor and the cameras' complement."""
         size = self.weighted.size
         reduced = self._divide(right[:size])
         cameras = np.linalg.solve(self._corner, right[size:] - self._border.T @ reduced)
         return np.concatenate([self._divide(reduced - self._border @ cameras, "T"), cameras])
 
     def _divide(self, right: np.ndarray, transposed: str = "N") -> np.ndarray:
-        """Return L^-1 right, or L'^-1 right if ``transposed`` is T."""
+        """Return L^-1 right, or L'^-1 right if ``transposed`` is T, with the shape of ``right (s, …)``."""
         return np.asarray(linalg.lapack.dtbtrs(self._factor, right, uplo="L", trans=transposed)[0]).reshape(right.shape)
 
 
@@ -205,7 +210,10 @@ class _Posterior:
         return np.asarray(x + found.x @ moves)
 
     def approximate(self, mode: np.ndarray) -> np.ndarray:
-        """Return the root L ``(6, 6)`` of the covariance L L' of a normal distribution about a minimum."""
+        """Return the root L ``(6, 6)`` of the covariance L L' of a normal distribution about a minimum ``mode (6,)``.
+
+        It is Laplace's approximation, with the second derivatives of the likelihood by central differences.
+        """
         # Second derivatives of the logarithm by central differences
         steps = 0.3 * np.tile(self.steps, 2)
         at_mode, moves = self.compute_log_likelihood(mode), np.diag(steps)

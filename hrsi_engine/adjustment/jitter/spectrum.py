@@ -246,6 +246,10 @@ def find_block_waves(profiles: Sequence[LineProfile]) -> list[tuple[Wave, ...]]:
 
 
 def _find_waves_along(profile: LineProfile, axis: str, tests: int) -> list[Wave]:
+    """Return the significant waves along an axis, each found in what the earlier ones leave, and fitted together.
+
+    tests : number of spectra that are examined together, by which the probabilities of a false alarm are multiplied
+    """
     spectrum = profile.spectra.get(axis)
     if spectrum is None:
         return []
@@ -315,9 +319,12 @@ def _make_cells(profile: LineProfile, axis: str) -> _Cells | None:
 
 
 def _scan_powers(cells: _Cells, columns: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return z ``(f,)`` of a sine fitted with ``columns (n, k)``, and the residual sum of squares of the columns alone.
+    """Return z ``(f,)`` of a sine fitted with ``columns``, and the residual sum of squares of the columns alone.
 
-    It uses fast Fourier transforms of sums over the cells of some lines, with a common line for each sum.
+    z is the share of that sum which the sine explains. It uses fast Fourier transforms of sums over the cells of some
+    lines, with a common line for each sum.
+
+    columns : (n, k) trend and waves found so far; frequencies : (f,) multiples of one step, cycles per line
     """
     root = cells.root
     basis, value, residual_square = _remove_columns(cells, columns)
@@ -349,7 +356,7 @@ def _compute_power(
 
 
 def _remove_columns(cells: _Cells, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return an orthonormal basis of the weighted columns, the weighted values without them, and their square sum."""
+    """Return an orthonormal basis ``(n, k)`` of the weighted columns, the values without them, and their square sum."""
     weighted = columns * cells.root[:, None]
     basis = weighted @ np.linalg.inv(np.linalg.cholesky(weighted.T @ weighted)).T
     value = cells.value * cells.root
@@ -358,7 +365,10 @@ def _remove_columns(cells: _Cells, columns: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _compare_strips(cells: _Cells, columns: np.ndarray, frequency: float) -> float:
-    """Return the probability that strips without a common wave agree so well by chance (F test)."""
+    """Return the probability that strips of samples without a common wave agree so well by chance (F test).
+
+    columns : (n, k) trend and waves found so far; frequency : of the next wave, cycles per line
+    """
     counts = np.bincount(cells.strip, minlength=WAVES.strips)
     strips = np.flatnonzero(counts >= SAMPLES.fewest)
     if len(strips) < 2:

@@ -302,7 +302,7 @@ def _describe_measurements(final: FinalEstimate) -> dict[str, Any]:
 
 
 def _expand_rows(length: int, rows: np.ndarray, values: np.ndarray, empty: float = np.nan) -> np.ndarray:
-    """Return an array of ``length`` rows with ``values`` at ``rows``; the values themselves if they are all rows."""
+    """Return an array ``(length, …)`` with ``values`` at ``rows``; the values themselves if they are all rows."""
     if len(values) == length:
         return values
     result = np.full((length, *values.shape[1:]), empty, dtype=values.dtype)
@@ -311,7 +311,11 @@ def _expand_rows(length: int, rows: np.ndarray, values: np.ndarray, empty: float
 
 
 def _compute_prior_share(loop: GaussNewton, variances: np.ndarray) -> np.ndarray:
-    """Return the share of each parameter that follows from its prior ``(cameras, p)``; 1 for fixed ones."""
+    """Return the share of each parameter that follows from its prior, ``(cameras, p)``; 1 for fixed ones.
+
+    It is p q of the prior weight p and the parameter's ``variances (cameras, p)`` q: what a redundancy number is for
+    observations.
+    """
     fixed = np.isinf(loop.prior_weight)
     return np.where(fixed, 1.0, np.where(fixed, 0.0, loop.prior_weight) * variances)
 
@@ -337,7 +341,7 @@ def compute_redundancy(
 
 
 def _number_parts(problem: Problem) -> np.ndarray:
-    """Return the index of each image's part of the block."""
+    """Return the index of each image's part of the block, ``(images,)``."""
     part_of_image = np.zeros(len(problem.observations.images), dtype=np.int64)
     for number, part in enumerate(problem.parts):
         part_of_image[part.images] = number

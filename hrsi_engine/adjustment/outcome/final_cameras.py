@@ -43,7 +43,10 @@ def compute_final_cameras(problem: Problem, loop: GaussNewton, solution: Solutio
 
 
 def compute_drift_gain(problem: Problem, loop: GaussNewton, squares: np.ndarray) -> np.ndarray | None:
-    """Return the factors of the drift in the final values, ``(cameras, p, q - p)``; None without a drift."""
+    """Return the factors G of the drift in the final values, v + G d: ``(cameras, p, q - p)``; None without a drift.
+
+    squares : (cameras, q, q) N, of `compute_drift_squares`
+    """
     p, q = len(problem.model.parameters), squares.shape[1]
     return None if p == q else compute_gain(squares, loop.prior_weight, np.arange(p), np.arange(p, q))
 
@@ -51,7 +54,12 @@ def compute_drift_gain(problem: Problem, loop: GaussNewton, squares: np.ndarray)
 def compute_gain(
     squares: np.ndarray, prior_weight: np.ndarray, contained: np.ndarray, omitted: np.ndarray
 ) -> np.ndarray:
-    """Return the factors by which a model's ``contained`` parameters (indices) absorb the ``omitted`` of a camera's."""
+    """Return the factors by which a model's parameters absorb others of the camera: (N_vv + P)^-1 N_vd, 0 if fixed.
+
+    squares, prior_weight : (cameras, q, q) N and (cameras, q) P, infinite where fixed
+    contained, omitted : (p,) and (r,) indices of v and d among the camera's parameters
+    Result: ``(cameras, p, r)``
+    """
     prior = prior_weight[:, contained]
     fixed = np.isinf(prior)
     normal = squares[:, contained[:, None], contained] + np.where(fixed, 1.0, prior)[:, :, None] * np.eye(

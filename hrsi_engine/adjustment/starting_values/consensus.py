@@ -149,7 +149,10 @@ def list_ray_pairs(length: int) -> list[tuple[int, int]]:
 def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[np.ndarray, np.ndarray]:
     """Return each parallax's distance from its image pair's plane, in stated sigmas, and whether it can be tested.
 
-    An image pair with few parallaxes has a constant instead of a plane; one with fewer than three is not tested.
+    The plane over the first image's positions is that of the least quantile of squares (Rousseeuw and Leroy 1987). An
+    image pair with few parallaxes has a constant instead; one with fewer than three is not tested.
+
+    Result: ``(k,)`` distances and mask, in the order of ``pairs``
     """
     one, second = observations.image[pairs.first], observations.image[pairs.second]
     number = np.min_scalar_type(len(observations.images))  # smaller types are sorted faster
@@ -199,11 +202,12 @@ def _measure_departures(observations: Observations, pairs: Parallaxes) -> tuple[
 def _fit_planes(
     three: np.ndarray | None, terms: np.ndarray, y: np.ndarray, sigma: np.ndarray, ranks: np.ndarray
 ) -> np.ndarray:
-    """Return the plane ``(p, 3)`` nearest to most of the parallaxes ``(p, s)`` of each image pair.
+    """Return the plane ``(p, 3)`` nearest to most of the parallaxes of each of p image pairs, px by u and v.
 
-    ``three (p, t, 3)`` are the indices of the three parallaxes of each tried plane; ``terms (p, s, 3)`` are 1 and the
-    position in the image; ``ranks (p,)`` is the number of certainly correct ones, minus one. Without ``three`` there
-    are too few parallaxes for a plane: then ``terms (p, s, 1)`` and the result have only the constant.
+    three : (p, t, 3) indices of the three parallaxes of each tried plane; None if there are too few for a plane: then
+        ``terms (p, s, 1)`` and the result have only the constant
+    terms : (p, s, 3) 1 and the position in the image, -1 to 1; y, sigma : (p, s) parallaxes and standard deviations, px
+    ranks : (p,) number of certainly correct parallaxes, minus one
     """
     candidates = np.zeros((*y.shape, terms.shape[2]))
     candidates[:, :, 0] = y
@@ -233,7 +237,10 @@ def _fit_planes(
 
 
 def _multiply_as_vectors(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the vector products ``(…, 3)``; `numpy.cross` takes three times as long for many small arrays."""
+    """Return the vector products ``(…, 3)`` of vectors ``first`` and ``second (…, 3)``.
+
+    `numpy.cross` takes three times as long for many small arrays.
+    """
     (a, b, c), (d, e, f) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
     return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 

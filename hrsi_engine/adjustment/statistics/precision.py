@@ -71,8 +71,10 @@ def compute_precision(loop: GaussNewton, solution: Solution) -> Precision:
 def compute_deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the decrease of the weighted sum of squares if an image point is left out, ``(n,)``.
 
-    It is v' Qv^-1 v of residuals ``(n, 2)``; for normal errors chi² with two degrees of freedom. Directions in which
-    less than `REDUNDANCY.tested` of an error appears in the residual are not tested.
+    It is v' Qv^-1 v of the residuals v; for normal errors chi² with two degrees of freedom (Baarda 1968). Directions in
+    which less than `REDUNDANCY.tested` of an error appears in the residual are not tested.
+
+    residual : (n, 2) px; cofactors : (n, 2, 2) Qv, px²; weight : (n,) 1/px²
     """
     a, d, b = cofactors[:, 0, 0] * weight, cofactors[:, 1, 1] * weight, cofactors[:, 0, 1] * weight
     middle, half = 0.5 * (a + d), np.hypot(0.5 * (a - d), b)
@@ -89,10 +91,13 @@ def compute_deletion_tests(residual: np.ndarray, cofactors: np.ndarray, weight: 
 
 
 def predict_accuracy(covariance: np.ndarray, weight: np.ndarray | None = None) -> dict[str, float | None]:
-    """Return the expected RMSE, CE90 and LE90 of points with covariances ``(k, 3, 3)`` m², or of their differences.
+    """Return the expected RMSE, CE90 and LE90 of points, or of differences of points.
 
     Coordinates that were not surveyed (an infinite variance) or not determined (NaN, or beyond
-    ``RELIABILITY.farthest_m``) are not compared. Points are weighted by ``weight (k,)``, equally by default.
+    ``RELIABILITY.farthest_m``) are not compared.
+
+    covariance : (k, 3, 3) m², east, north, height; weight : (k,) of the points, equal by default
+    Result: ``rmse_east_m``, ``rmse_north_m``, ``rmse_height_m``, ``ce90_m``, ``le90_m``; None where nothing is compared
     """
     variance = covariance.diagonal(axis1=1, axis2=2)
     with np.errstate(invalid="ignore"):

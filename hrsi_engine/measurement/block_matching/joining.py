@@ -137,7 +137,10 @@ def _compute_pair_miss(matches: BlockMatches, rows: np.ndarray, images: Sequence
 
 
 def _find_connected_heights(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
-    """Return the mask of matches that are connected with many others by height steps of terrain and buildings."""
+    """Return the mask ``(n,)`` of matches connected with many others by height steps of terrain and buildings.
+
+    xy : (n, 2) in the first image; parallax : (n,) along the epipolar lines, px
+    """
     if len(xy) <= SAMPLES.tested:
         return np.ones(len(xy), dtype=bool)
     distance, neighbours = cKDTree(xy).query(xy, k=SAMPLES.tested + 1)
@@ -160,7 +163,11 @@ def _find_connected_heights(xy: np.ndarray, parallax: np.ndarray) -> np.ndarray:
 
 
 def estimate_camera_sigma(matches: BlockMatches, images: Sequence[Image]) -> float:
-    """Return the standard deviation (px) of random camera errors of image points, from deviations across the lines."""
+    """Return the standard deviation (px) of random camera errors of image points, from deviations across the lines.
+
+    It is that with which the median of the squared deviations from each pair's trend, over their variances, equals the
+    median of chi² with one degree of freedom.
+    """
     deviation, variance = [], []
     for rows in group_by_pair(matches).values():
         if len(rows) < SAMPLES.tested:
@@ -196,7 +203,7 @@ def group_by_pair(matches: BlockMatches) -> dict[tuple[int, int], np.ndarray]:
 
 
 def _build_trend_design(xy: np.ndarray) -> np.ndarray:
-    """Return the design matrix of a quadratic trend over an image; of a plane if there are few points."""
+    """Return the design matrix ``(n, 6)`` of a quadratic trend over ``xy (n, 2)``; of a plane with few points."""
     x, y = ((xy - xy.mean(axis=0)) / (np.ptp(xy, axis=0).max() + 1.0)).T
     columns = [np.ones(len(xy)), x, y] + ([x * x, x * y, y * y] if len(xy) >= SAMPLES.quadratic else [])
     return np.column_stack(columns)
@@ -238,7 +245,11 @@ def drop_contradictions(matches: BlockMatches, images: Sequence[Image]) -> Block
 
 
 def _check_heights(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray:
-    """Return the mask of the matches of one reference whose heights agree with those of their tracks."""
+    """Return the mask ``(n,)`` of the matches of one reference whose heights agree with those of their tracks.
+
+    Heights are weighted by the square of their parallax in px per metre; after each pair's trend is subtracted, the
+    worst match of a track is dropped first, since it biases the mean of the others.
+    """
     # Parallax along the epipolar lines in px per metre of height, the mean of each pair
     stretch = np.zeros(len(matches))
     for (first, second), rows in group_by_pair(matches).items():
@@ -284,6 +295,7 @@ def _check_heights(matches: BlockMatches, images: Sequence[Image]) -> np.ndarray
 
 
 def _average_by_group(group: np.ndarray, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the weighted means ``(groups,)`` of ``values (n,)`` by the number of their ``group (n,)``."""
     count = int(group.max(initial=-1)) + 1
     total = np.bincount(group, weight, count)
     return np.asarray(np.bincount(group, weight * values, count) / np.maximum(total, 1e-300))

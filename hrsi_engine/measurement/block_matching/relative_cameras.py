@@ -97,7 +97,12 @@ def _linearise_transfer(
 
 
 def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) -> RelativeCameras | None:
-    """Return the relative shifts of a block's images estimated from its matches; None without matches."""
+    """Return the relative shifts of a block's images estimated from its matches; None without matches.
+
+    Unknowns are a shift of each image, with the prior `CAMERAS.prior_px`, and a height of each point, which is
+    eliminated by the projection onto its parallaxes (U in the code). Discrepancies of matches beyond
+    `CAMERAS.margin_px` lose weight (Huber).
+    """
     if not len(matches):
         return None
     names, point = np.unique(matches.track, return_inverse=True)
@@ -156,7 +161,12 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
 def _extend_to_all_images(
     matches: BlockMatches, shift: np.ndarray, deviation: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return shifts and search ranges of all images; those without matches get median and spread of the others."""
+    """Return shifts ``(images, 2)`` and search ranges ``(images,)``, px, of all images.
+
+    Those without matches get median and spread of the others.
+
+    shift : (images, 2); deviation : (n, 2) of the matches after the estimate, px
+    """
     matched = np.unique(np.r_[matches.first, matches.second])
     sigma = np.full(len(shift), CAMERAS.margin_px)
     sigma[matched] += SIGNIFICANCE.sigmas * float(robust_sigma(deviation.ravel()))

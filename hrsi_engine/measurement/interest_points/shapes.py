@@ -87,11 +87,12 @@ def compute_size_tolerance(limits: tuple[float, float], size_px: np.ndarray) -> 
 
 
 def _add_sigma_floor(covariance: np.ndarray) -> np.ndarray:
-    """Return covariances with the variance `SHAPE.sigma_floor_px` squared added."""
+    """Return covariances ``(n, 2, 2)`` with the variance `SHAPE.sigma_floor_px` squared added."""
     return covariance + SHAPE.sigma_floor_px**2 * np.eye(2)
 
 
 def _robust_weight(residual: np.ndarray, scale_px: float) -> np.ndarray:
+    """Return weights 1 / (1 + (r / scale)²)² of residuals (Geman and McClure 1985)."""
     return 1.0 / (1.0 + (residual / scale_px) ** 2) ** 2
 
 
@@ -120,6 +121,12 @@ def fit_ellipses(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) ->
 
 def _remeasure_ellipses(centre: np.ndarray, Q: np.ndarray, slopes: GradientImage, sign: np.ndarray) -> Shapes:
     # Points on ellipses and outward normals, ``(n, points, 2)``
+    """Return the ellipses of edge points that are measured again along their normals, with robust weights.
+
+    Neighbouring edge points are correlated over `SHAPE.correlation_length_px`, by which the covariance is enlarged.
+
+    centre, Q : (n, 2) and (n, 2, 2) of the outlines; sign : (n,) of the outward gradient
+    """
     semi_axes, azimuth = compute_axes(Q)
     t = 2.0 * np.pi * np.arange(SHAPE.ellipse_points) / SHAPE.ellipse_points
     along, across = semi_axes[:, :1] * np.cos(t), semi_axes[:, 1:] * np.sin(t)
@@ -229,7 +236,13 @@ class _Sides(NamedTuple):
 
 
 def _fit_sides(xy: np.ndarray, is_edge: np.ndarray, robust_px: tuple[float, ...]) -> _Sides:
-    """Return two pairs of parallel lines through points ``(n, 4, k, 2)`` with weights ``(n, 4, k)``."""
+    """Return two pairs of parallel lines through the points of four sides.
+
+    A pair's common direction is the principal axis of the scatter of both sides about their own middles.
+
+    xy : (n, 4, k, 2); is_edge : (n, 4, k) 1 for edge points, 0 for others
+    robust_px : scales of the weights of successive fits
+    """
     weight = is_edge
     for scale_px in (*robust_px, 0.0):
         total = np.maximum(weight.sum(axis=2), 1e-9)
@@ -252,6 +265,13 @@ def _fit_sides(xy: np.ndarray, is_edge: np.ndarray, robust_px: tuple[float, ...]
 
 
 def _make_rectangles(lines: _Sides, edges: np.ndarray, is_edge: np.ndarray) -> Shapes:
+    """Return the parallelograms of fitted sides, with the covariances of their centres.
+
+    The centre is the intersection of the two centre lines, each with the variance of the mean of its two sides; edge
+    points of one side are independent beyond `SHAPE.correlation_length_px`.
+
+    edges, is_edge : (n, 4, k, 2) and (n, 4, k) measured points and mask of the clear ones
+    """
     on_side = is_edge & (np.abs(lines.residual) < SHAPE.on_shape_px)
     counted = np.maximum(on_side.sum(axis=2), 1.0)
     variance = np.sum(on_side * lines.residual**2, axis=2) / np.maximum(counted - 1.5, 1.0)
@@ -289,7 +309,10 @@ def _make_rectangles(lines: _Sides, edges: np.ndarray, is_edge: np.ndarray) -> S
 
 
 def fit_polygons(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) -> Shapes:
-    """Return the polygons of the edge points: centroid, and the diameters of the ellipse with equal moments."""
+    """Return the polygons of the edge points: centroid, and the diameters of the ellipse with equal moments.
+
+    The noise of the outline is that of each point's distance from the middle of its neighbours, along the normal.
+    """
     count = outlines.found.sum(axis=1)
     order = np.argsort(~outlines.found, axis=1, kind="stable")
     xy = np.take_along_axis(outlines.xy, order[..., None], axis=1)

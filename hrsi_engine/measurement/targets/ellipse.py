@@ -95,6 +95,7 @@ def _require_points(count: int) -> None:
 
 
 def _fit_points(xy: np.ndarray, inliers: np.ndarray, fit: EllipseFit) -> Ellipse:
+    """Return the ellipse through the ``inliers (n,)`` of points ``xy (n, 2)``; raise `SolveError` if there is none."""
     _require_points(int(inliers.sum()))
     spread = np.linalg.svd(xy[inliers] - xy[inliers].mean(axis=0), compute_uv=False)
     if not spread[0] > 0.0:
@@ -137,7 +138,10 @@ def compute_ellipse_distances(xy: np.ndarray, centres: np.ndarray, Q: np.ndarray
 
 
 def _linearise(d: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distances ``(n, m)``, and their derivatives by the centre and Qxx, Qxy, Qyy ``(n, m, 5)``."""
+    """Return the distances ``(n, m)``, and their derivatives by the centre and Qxx, Qxy, Qyy ``(n, m, 5)``.
+
+    d : (n, m, 2) points minus centres, px; Q : (n, 2, 2)
+    """
     distance, normal = _compute_distances(d, Q)
     length = 2.0 * np.maximum(np.hypot(*np.moveaxis(d @ Q, -1, 0)), 1e-12)
     x, y = d[..., 0] / length, d[..., 1]
@@ -146,7 +150,10 @@ def _linearise(d: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compute_centre_covariances(xy: np.ndarray, weight: np.ndarray, centres: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """Return the covariances ``(n, 2, 2)`` of the centres, from the residuals."""
+    """Return the covariances ``(n, 2, 2)`` of the centres, px²: inverse normal matrix times the residuals' variance.
+
+    The variance has the redundancy of points minus five parameters; neighbouring points are taken as independent.
+    """
     distance, A = _linearise(xy - centres[:, None], Q)
     redundancy = np.maximum((weight > 0.0).sum(axis=1) - 5, 1)
     variance = np.sum(weight * distance**2, axis=1) / redundancy
@@ -155,7 +162,11 @@ def compute_centre_covariances(xy: np.ndarray, weight: np.ndarray, centres: np.n
 
 
 def fit_direct_ellipses(xy: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ellipses of minimum algebraic distance (Halir and Flusser 1998)."""
+    """Return the ellipses of minimum algebraic distance (Halir and Flusser 1998), for centred and scaled points.
+
+    The conic's quadratic part is the eigenvector of the reduced scatter matrix with 4 a c - b² > 0. Invalid ones have Q
+    = I.
+    """
     total = weight.sum(axis=1)
     middle = np.sum(weight[..., None] * xy, axis=1) / total[:, None]
     d = np.where(weight[..., None] > 0.0, xy - middle[:, None], 0.0)
@@ -221,7 +232,7 @@ def iterate_ellipses(
 
 
 def _solve_systems(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the solutions of systems ``(n, k, k)``; those of minimum norm if one of them is singular."""
+    """Return the solutions ``(n, k, c)`` of systems A ``(n, k, k)``; of minimum norm if one of them is singular."""
     try:
         return np.linalg.solve(A, b)
     except np.linalg.LinAlgError:

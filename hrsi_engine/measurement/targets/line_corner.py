@@ -87,6 +87,10 @@ def fit_line(xy: np.ndarray, tolerance_px: float | None = None) -> Line:
 
 
 def _fit_points(xy: np.ndarray, inliers: np.ndarray) -> Line:
+    """Return the line of least squared distances through ``inliers (n,)`` of points; raise `SolveError` without one.
+
+    It passes through the centroid along the larger principal axis; residuals are those of all points.
+    """
     if inliers.sum() < SAMPLES.plane:
         raise SolveError(f"a line needs {SAMPLES.plane} edge points or more, {inliers.sum()} were given: measure more")
     centroid = xy[inliers].mean(axis=0)
@@ -149,7 +153,10 @@ def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndar
 
 
 def _list_candidate_lines(xy: np.ndarray, limit: int = 200) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return point and normal of lines through pairs of points; at most ``limit``, evenly selected pairs."""
+    """Return point ``(2,)`` and unit normal ``(2,)`` of lines through pairs of points ``xy (n, 2)``.
+
+    At most ``limit`` pairs are used, evenly selected.
+    """
     i, j = np.triu_indices(len(xy), 1)
     if len(i) > limit:
         sampled = np.linspace(0, len(i) - 1, limit).astype(int)
@@ -162,6 +169,7 @@ def _list_candidate_lines(xy: np.ndarray, limit: int = 200) -> list[tuple[np.nda
 
 
 def _compute_distance(xy: np.ndarray, line: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Return the signed distances ``(n,)`` of points from a line (point, unit normal), px."""
     return (xy - line[0]) @ line[1]
 
 
@@ -178,7 +186,13 @@ class EdgePoints:
 
 
 def find_edge_points(grey: np.ndarray, usable: np.ndarray, noise: float) -> EdgePoints:
-    """Return the sub-pixel edge points of grey values (float32), at a distance from unusable pixels."""
+    """Return the sub-pixel edge points of grey values, where the gradient magnitude is largest along its direction.
+
+    The maximum is that of a parabola through the magnitudes one pixel before and behind (Devernay 1995).
+
+    grey, usable : (rows, columns) float32, and mask of usable pixels, from which edges keep a distance
+    noise : standard deviation of the grey values
+    """
     smooth, slope = make_gaussian_kernels(BLUR.sigma_px)
     by_x, by_y = slopes(grey, smooth, slope, "reflect")
     strength = np.hypot(by_x, by_y)
@@ -218,7 +232,10 @@ def find_straight_segments(points: EdgePoints, shortest_px: float, limit: int = 
 
 
 def _grow_segment(points: EdgePoints, seed: int, free: np.ndarray) -> np.ndarray:
-    """Return the unassigned points of the run without gaps along the line of a seed, which is refined iteratively."""
+    """Return the indices of the run of free points without gaps along a seed's line, which is refined iteratively.
+
+    free : (n,) mask of points that are in no segment yet
+    """
     centre, normal = points.xy[seed], points.direction[seed]
     run = np.array([seed])
     for _ in range(3):

@@ -73,7 +73,12 @@ def compute_epipolar_deviation(
     height_m: np.ndarray | float,
     iterations: int = 3,
 ) -> EpipolarDeviation:
-    """Return distance across the line and height of matches; ``height_m`` is the initial height of the iteration."""
+    """Return the distances of matches from their epipolar lines, and the heights at which the rays come nearest.
+
+    The line is that of two heights near the present one, which is iterated along it.
+
+    first_xy, second_xy : (n, 2) px; height_m : initial height, of all or of each match
+    """
     lowest, highest = first.height_range
     reach = 2.0 * (highest - lowest)
     height = np.full(len(first_xy), height_m, dtype=np.float64)
@@ -95,7 +100,11 @@ def compute_epipolar_deviation(
 def match_descriptors(
     first: np.ndarray, second: np.ndarray, ratio: float = EPIPOLAR.ratio
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return index pairs of descriptors (unit length) that are mutual nearest neighbours and pass the ratio test."""
+    """Return index pairs of descriptors that are mutual nearest neighbours and pass the ratio test (Lowe 2004).
+
+    first, second : (n, d) and (m, d) of unit length
+    Result: indices ``(k,)`` into both.
+    """
     if len(first) < 2 or len(second) < 2:
         return np.empty(0, np.int64), np.empty(0, np.int64)
     nearest = np.empty(len(first), np.int64)
@@ -143,10 +152,13 @@ def check_rpc_consistency(
     """Test matches for consistency with the RPC geometry, for any relative bias of the RPCs.
 
     Across the epipolar lines all correct matches have one common offset, the relative bias, with a small trend over the
-    image. It is the mode of the distances, refined by a robust plane. Matches beyond `ROBUST.outlier` sigmas (at least
-    ``floor_px``) are rejected; if the mode is due to chance the sigma is too large, and all are rejected.
-    Along the lines a match must not differ from its neighbours by more than terrain does. ``unit_px`` is the size of a
-    matched pixel in pixels of the image (pyramids); thresholds are in units of it.
+    image. It is the mode of the distances, refined by a robust plane. Matches beyond `ROBUST.outlier` sigmas are
+    rejected; if the mode is due to chance the sigma is too large, and all are rejected. Along the lines a match must
+    not differ from its neighbours by more than terrain does.
+
+    first_xy, second_xy : (n, 2) px; height_m : approximate height, of all or of each match
+    floor_px : smallest limit across the lines
+    unit_px : size of a matched pixel in pixels of the image (pyramids); thresholds are in units of it
     """
     miss = compute_epipolar_deviation(first, second, first_xy, second_xy, height_m)
     across, along = miss.across_px / unit_px, miss.along_px / unit_px

@@ -154,9 +154,9 @@ class TileFrame:
     geometry: TilePairGeometry
 
     def predict(self, points: np.ndarray, raised_m: float = 0.0, heights_m: np.ndarray | None = None) -> np.ndarray:
-        """Return columns and rows in the second tile of points of the first.
+        """Return columns and rows ``(n, 2)`` in the second tile of points of the first.
 
-        The points are at the given heights, else at those of the geometry, plus ``raised_m``.
+        points : (n, 2) columns, rows; heights_m : (n,), by default those of the geometry; raised_m is added to them
         """
         xy = self.first.to_image(points)
         height = (self.geometry.heights_at(xy) if heights_m is None else heights_m) + raised_m
@@ -177,7 +177,10 @@ class TileFrame:
         return np.stack(columns, axis=-1) * (self.first.step / self.second.step)
 
     def parallax(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return unit direction ``(n, 2)`` and size ``(n,)`` (px per metre) of the parallax of height in this frame."""
+        """Return unit direction ``(n, 2)`` and size ``(n,)`` (px per metre) of the parallax of height in this frame.
+
+        points : (n, 2) columns, rows; images of the same view have the direction of the columns
+        """
         up_m = GROUND.margin_m
         parallax_px = (self.predict(points, up_m) - self.predict(points, -up_m)) / (2.0 * up_m)
         slope = np.linalg.solve(self.compute_jacobians(points), parallax_px[..., None])[..., 0]
@@ -230,7 +233,7 @@ class TileFrame:
 
 
 def _make_interpolation_matrix(length: int, nodes: int) -> np.ndarray:
-    """Return the matrix of linear interpolation from nodes ``GRIDS.spacing_px`` apart to every pixel."""
+    """Return the matrix ``(length, nodes)`` of linear interpolation from nodes ``GRIDS.spacing_px`` apart to pixels."""
     position = np.arange(length) / GRIDS.spacing_px
     node = np.minimum(position.astype(np.int64), nodes - 2)
     weights = np.zeros((length, nodes), dtype=np.float32)

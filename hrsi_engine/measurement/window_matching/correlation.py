@@ -20,7 +20,11 @@ from .windows import MATCHING
 def correlate_template(template: np.ndarray, area: np.ndarray) -> np.ndarray:
     """Return the correlation coefficient, -1 to 1, float64, at every shift with the template inside the area.
 
-    The first element is for the template at the first pixels of the area; -1 for places without contrast.
+    The sums of products come from Fourier transforms, those of the windows' means and squares from summed-area tables
+    (Lewis 1995).
+
+    template, area : (t, u) and (a, b) grey values
+    Result: ``(a - t + 1, b - u + 1)``, the first for the template at the first pixels; -1 for places without contrast.
     """
     template_values = template.astype(np.float64)
     template_values -= template_values.mean()
@@ -58,7 +62,13 @@ class CorrelationPeak(NamedTuple):
 
 
 def compute_orientation_field(grey: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Return the field of doubled gradient directions, complex64 of the same shape; 0 close to invalid pixels."""
+    """Return the field of doubled gradient directions, complex64; 0 close to invalid pixels.
+
+    With the gradient g as a complex number it is g² / (|g| (|g| + median |g|)): equal for edges of either sign, and
+    nearly independent of the contrast.
+
+    grey, valid : (rows, columns) grey values and mask
+    """
     by_column, by_row = slopes(blur(np.asarray(grey, dtype=np.float32), MATCHING.gradient_smoothing_px), *SCHARR)
     gradient = by_column + 1j * by_row
     inside = erode(valid, MATCHING.gradient_side_px)
@@ -80,7 +90,10 @@ def correlate_fields(template: np.ndarray, search: np.ndarray) -> np.ndarray:
 
 
 def correlate_orientations(template: np.ndarray, search: np.ndarray) -> np.ndarray:
-    """Return the normalised correlation, -1 to 1, at every shift; 0 if there is nothing to compare."""
+    """Return the normalised correlation, -1 to 1, at every shift; 0 if there is nothing to compare.
+
+    template, search : fields of `compute_orientation_field`
+    """
     template_energy = float(np.square(np.abs(template)).sum())
     window_energy = sum_windows(np.square(np.abs(search)), (template.shape[0], template.shape[1]))
     energy = np.maximum(
@@ -110,7 +123,7 @@ def find_correlation_peak(surface: np.ndarray, separation: int = 3) -> Correlati
 
 
 def locate_vertex(surface: np.ndarray, row: int, column: int) -> np.ndarray:
-    """Return the vertex of the parabolas through the peak and its neighbours, relative to the peak."""
+    """Return the vertex ``(2,)`` of the parabolas through the peak and its neighbours, column and row from the peak."""
     result = np.zeros(2)
     for axis, (place, line) in enumerate(((column, surface[row]), (row, surface[:, column]))):
         if 0 < place < len(line) - 1:
