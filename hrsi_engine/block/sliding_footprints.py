@@ -38,10 +38,7 @@ class SlidingFootprint:
         self.box = np.full((2, 4), np.nan)
         if finite.any():
             corner = self._low[finite][0]
-            self.box[:] = (
-                np.r_[corner + outline.min(axis=0), corner + outline.max(axis=0)],
-                np.tile(self.slide, 2),
-            )
+            self.box[:] = (np.r_[corner + outline.min(axis=0), corner + outline.max(axis=0)], np.tile(self.slide, 2))
 
     def outline(self, height_m: float) -> np.ndarray:
         """Return the lon, lat ``(k, 2)`` of the outline at a height."""

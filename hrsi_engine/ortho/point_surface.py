@@ -83,8 +83,7 @@ def surface_of_points(ground: np.ndarray, sigma_height_m: np.ndarray | None = No
     extent, spacing = np.ptp(points.xy, axis=0), points.spacing_m
     reach = np.minimum(POINT_SURFACE.margin * spacing, extent.max())
     cell_m = max(
-        spacing / POINT_SURFACE.cells_per_spacing,
-        float(np.sqrt(np.prod(extent + 2.0 * reach) / MEMORY.cells)),
+        spacing / POINT_SURFACE.cells_per_spacing, float(np.sqrt(np.prod(extent + 2.0 * reach) / MEMORY.cells))
     )
     low, high = points.xy.min(axis=0) - reach, points.xy.max(axis=0) + reach
     columns, rows = (np.ceil((high - low) / cell_m).astype(int) + 1).tolist()

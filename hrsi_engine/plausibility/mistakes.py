@@ -242,10 +242,7 @@ def _iterate_height_mistakes(control: ControlMeasurements, shift_m: np.ndarray) 
         (FEET_M, "are in feet"),
         (1.0 / FEET_M, "were converted from feet although they were in metres"),
     ):
-        yield (
-            Mistake("height-unit", f"{heights} {message}", "give heights in metres"),
-            ground * [1.0, 1.0, factor],
-        )
+        yield (Mistake("height-unit", f"{heights} {message}", "give heights in metres"), ground * [1.0, 1.0, factor])
     undulations = find_undulations(ground)
     if undulations is not None:  # geoid models differ by less than images resolve: any is used
         name, undulation = undulations

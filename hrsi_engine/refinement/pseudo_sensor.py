@@ -159,8 +159,7 @@ class PseudoSensor:
         if not np.any(values):
             return RefitRPC(image.rpc, 0.0)
         fit = best_fit(
-            self.compute_corrected_grid(image, values, FIT.grid),
-            self.compute_corrected_grid(image, values, CHECK_GRID),
+            self.compute_corrected_grid(image, values, FIT.grid), self.compute_corrected_grid(image, values, CHECK_GRID)
         )
         return RefitRPC(replace(fit.rpc, err_bias=image.rpc.err_bias, err_rand=image.rpc.err_rand), fit.max_px)
 

@@ -2,10 +2,4 @@
 
 from ..foundation.lazy_names import lazy_names
 
-__getattr__, __dir__, __all__ = lazy_names(
-    __name__,
-    {
-        "residuals": "Residuals",
-        "verdict": "Evidence Verdict",
-    },
-)
+__getattr__, __dir__, __all__ = lazy_names(__name__, {"residuals": "Residuals", "verdict": "Evidence Verdict"})

@@ -19,10 +19,7 @@ RESIDUAL_LAYERS = ("residuals_wgs84", "residuals_utm")
 
 
 def block_layers(
-    result: Adjustment,
-    left: Residuals,
-    delivered: Sequence[Image] = (),
-    selection: tables.LayerSelection | None = None,
+    result: Adjustment, left: Residuals, delivered: Sequence[Image] = (), selection: tables.LayerSelection | None = None
 ) -> list[Layer]:
     """Return the layers of ``block.gpkg``.
 

@@ -29,11 +29,7 @@ def describe_line_profiles(
         axes = {axis: entry for axis in WAVE_AXES if index in plotted and (entry := _describe_axis(profile, axis))}
         if not axes and not waves[index]:
             continue
-        texts[image.id] = {
-            "observations": len(profile.line),
-            "waves": describe_waves(image, waves[index]),
-            **axes,
-        }
+        texts[image.id] = {"observations": len(profile.line), "waves": describe_waves(image, waves[index]), **axes}
     return texts
 
 

@@ -14,15 +14,7 @@ from ..gauss_newton import GaussNewton, Solution
 from ..preparation.problem import Problem
 from ..priors.common_drift import count_points_per_error
 from ..priors.earlier_cameras import JointCameras
-from ..result import (
-    Adjustment,
-    CameraEstimates,
-    CrossValidation,
-    Decision,
-    Finding,
-    ModelTest,
-    VarianceComponent,
-)
+from ..result import Adjustment, CameraEstimates, CrossValidation, Decision, Finding, ModelTest, VarianceComponent
 from ..source_results import HeightAgreement, PlanAgreement
 from ..statistics.precision import Precision, compute_deletion_tests
 from ..statistics.shared_shifts import propagate_jitter, propagate_pointing, propagate_shifts

@@ -132,12 +132,7 @@ def read_lineage(image: Image) -> Lineage:
 
 
 def save_image(
-    source: gdal.Dataset,
-    target_path: str,
-    rpc: RPC,
-    form: OrthoFormat,
-    lineage: Lineage,
-    progress: Progress,
+    source: gdal.Dataset, target_path: str, rpc: RPC, form: OrthoFormat, lineage: Lineage, progress: Progress
 ) -> tuple[str, ...]:
     """Write a virtual image with its RPC, as a VRT or, by ``form``, with its own pixels; return notices for the log."""
     if form.name == VRT:
