@@ -16,8 +16,7 @@ from ..foundation.pixel_filters import BLUR
 from ..foundation.thresholds import EQUALITY, threshold, thresholds
 from .given_matches import EXTERNAL
 from .window_matching.correlation import compute_orientation_field
-from .window_matching.least_squares_matching import match_patches
-from .window_matching.window_search import search_windows
+from .window_matching.least_squares_matching import match_patches, search_windows
 from .window_matching.windows import DONE, LsmOptions, MatchImage
 
 

@@ -1,4 +1,4 @@
-"""Compiled loops of `visibility` (needs numba): rays from the pixels of an orthoimage to the sensor, over a surface.
+"""Compiled loops of `mapping` (needs numba): rays from the pixels of an orthoimage to the sensor, over a surface.
 
 A ray is a straight line in grid coordinates and height. It is followed from cell to cell (Amanatides and Woo 1987). The
 surface is bilinear inside a cell, so that its height above the ray is a parabola there, whose maximum is exact. Blocks

@@ -32,9 +32,9 @@ from ..io.geopackage.layers import Layer
 from ..io.rasters.sun_angles import read_time
 from ..refinement.model import RefitRPC
 from ..refinement.model_table import describe_parameter
-from . import statistics
 from .block_record import joint_arrays, make_record
 from .drawings import Outline, report_figures
+from .figures import statistic_entries
 from .judged_block import JudgedBlock
 from .layers import block_layers, residuals_epsg
 from .line_profiles import describe_line_profiles
@@ -131,7 +131,7 @@ def assemble_result(
             "seconds": {},
             "crs": {**record["crs"], "residuals": f"EPSG:{residuals_epsg(adjustment)}"},
             **judged.figures,
-            **statistics.statistic_entries(adjustment, residuals),
+            **statistic_entries(adjustment, residuals),
             "accuracy": state_accuracy_by_standards(adjustment, residuals),
             "line_profiles": describe_line_profiles(images, evidence.profiles, evidence.waves),
             "warnings": [*judged.warnings, *selection_warnings(selection)],

@@ -22,9 +22,9 @@ from ..foundation.large_arrays import finite_rows, square_lengths
 from ..foundation.thresholds import EQUALITY, GRIDS, LISTS, MEMORY, SAMPLES, threshold, thresholds
 from ..io.pages.report import read_picture
 from ..io.rasters.images import GdalRaster
+from .figures import normalise_residuals, rank_survey_points
 from .outliers import is_outlier
 from .residuals import Residuals
-from .statistics import normalise_residuals, rank_survey_points
 from .surface_figures import draw_surfaces
 
 

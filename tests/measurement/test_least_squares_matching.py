@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from hrsi.hrsi_engine.measurement.window_matching.least_squares_matching import match_patches
-from hrsi.hrsi_engine.measurement.window_matching.window_search import search_windows
+from hrsi.hrsi_engine.measurement.window_matching.least_squares_matching import match_patches, search_windows
 from hrsi.hrsi_engine.measurement.window_matching.windows import (
     DONE,
     MATCHING_BANDS,

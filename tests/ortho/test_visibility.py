@@ -7,7 +7,7 @@ import pytest
 
 from hrsi.hrsi_engine.ground.crs_operations import operations_of
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
-from hrsi.hrsi_engine.ortho import visibility
+from hrsi.hrsi_engine.ortho import mapping as mapping_module
 from hrsi.hrsi_engine.ortho.grid import GridWindow, MapGrid, find_terrain_points
 from hrsi.hrsi_engine.ortho.mapping import OrthoMapping
 from hrsi.hrsi_engine.surface.dem import surface_heights
@@ -66,9 +66,9 @@ def test_any_window_and_any_size_of_the_surface_give_the_same(
     window = GridWindow(37, 51, 150, 120)
     part = np.s_[51:171, 37:187]
     assert np.array_equal(hidden_of(mapping, window), whole[part])
-    monkeypatch.setattr(visibility, "MEMORY", replace(visibility.MEMORY, cells=3000))
+    monkeypatch.setattr(mapping_module, "MEMORY", replace(mapping_module.MEMORY, cells=3000))
     assert np.array_equal(hidden_of(mapping, window), whole[part])
-    monkeypatch.setattr(type(visibility.VISIBILITY), "block", 5)
+    monkeypatch.setattr(type(mapping_module.VISIBILITY), "block", 5)
     assert np.array_equal(hidden_of(mapping, window), whole[part])
 
 
@@ -80,7 +80,7 @@ def test_a_wall_hides_what_its_height_and_the_view_direction_say() -> None:
     surface = GridSurface(cells.shape, lambda i, j, m, n: cells[i : i + m, j : j + n], lambda lonlat: lonlat)
     column, row = np.meshgrid(np.arange(0.0, 224.0, 32.0), np.arange(0.0, 72.0, 32.0))
     lattice = np.stack([column, row, np.ones_like(column), np.zeros_like(column)])  # a cell to the east for each metre
-    hidden = visibility.find_occlusions(surface, lattice, 32, (0, 0), (40, 192))
+    hidden = mapping_module.find_occlusions(surface, lattice, 32, (0, 0), (40, 192))
     # Foot of the wall: 99; its edge at 100 is above the line of sight from 91 to 99
     assert np.array_equal(np.flatnonzero(hidden[20]), np.arange(91, 100))
 
@@ -90,4 +90,4 @@ def test_level_ground_and_a_view_from_above_hide_nothing() -> None:
         surface = GridSurface(cells.shape, lambda i, j, m, n, c=cells: c[i : i + m, j : j + n], lambda lonlat: lonlat)
         column, row = np.meshgrid(np.arange(0.0, 96.0, 32.0), np.arange(0.0, 96.0, 32.0))
         lattice = np.stack([column, row, np.full_like(column, slope), np.zeros_like(column)])
-        assert not visibility.find_occlusions(surface, lattice, 32, (0, 0), (48, 48)).any()
+        assert not mapping_module.find_occlusions(surface, lattice, 32, (0, 0), (48, 48)).any()

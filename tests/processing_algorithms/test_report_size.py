@@ -22,9 +22,8 @@ from hrsi.hrsi_engine.drawing.block_figures import draw_figures
 from hrsi.hrsi_engine.foundation.thresholds import LISTS, SAMPLES
 from hrsi.hrsi_engine.io.pages.report import write_report_html
 from hrsi.hrsi_engine.results.drawings import report_figures
-from hrsi.hrsi_engine.results.figures import block_report
+from hrsi.hrsi_engine.results.figures import block_report, statistic_entries, survey_point_rows
 from hrsi.hrsi_engine.results.residuals import Residuals, compute_residuals
-from hrsi.hrsi_engine.results.statistics import statistic_entries, survey_point_rows
 
 MOST_BYTES = 5_000_000  # what a mail takes, and a browser shows at once
 MOST_SECONDS = 10.0  # of CPU, a small part of what adjusting takes

@@ -4,7 +4,7 @@
    the seeds. If there are few, SIFT features (Lowe 2004) with square-rooted descriptors that are mutual nearest
    neighbours are candidates, and the test against the RPC geometry, which permits a bias, selects the correct ones.
 2. Every interest point of the first window (`features`) is searched at the position predicted by neighbouring seeds,
-   in a box along the epipolar line (`window_search`), and measured by least-squares matching of the original pixels of
+   in a box along the epipolar line (`search_windows`), and measured by least-squares matching of the original pixels of
    both windows. The matches found are the seeds of the next round.
 3. Matches that contradict the epipolar geometry, their neighbours, or their own precision are rejected.
 """
@@ -20,8 +20,7 @@ from scipy.spatial import cKDTree
 
 from ...foundation.robust_scale import ROBUST, robust_sigma
 from ...foundation.thresholds import SAMPLES
-from ..window_matching.least_squares_matching import match_patches
-from ..window_matching.window_search import search_windows
+from ..window_matching.least_squares_matching import match_patches, search_windows
 from ..window_matching.windows import DONE, MATCHING_BANDS, SEARCH_BAND, LsmOptions, MatchImage
 from .epipolar import EPIPOLAR, Consistency, check_rpc_consistency, match_descriptors
 from .features import FEATURES, compute_root_sift, detect_sift_features, detect_tile_points

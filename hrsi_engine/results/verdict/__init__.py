@@ -3,8 +3,7 @@
 | module       | contains                                                                               |
 |--------------|----------------------------------------------------------------------------------------|
 | verdict      | all checks, the worst level, and the accuracy in one sentence                          |
-| evidence     | input of the checks: adjustment, residuals, refined RPCs, systematic residual fields   |
-| significance | tests with a stated error probability                                                  |
+| evidence     | input of the checks: adjustment, residuals, refined RPCs, systematic fields; tests     |
 | solution     | convergence, sigma0, drifts against those of the sensors, refined RPCs, datums         |
 | ground_truth | GCPs and check points against the block, and GCPs that are deformed as a whole         |
 | heights      | laser points, DEM and surfaces against the block                                       |

@@ -9,8 +9,7 @@ from ...block.block import Role
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import SAMPLES, threshold, thresholds
-from .evidence import Evidence
-from .significance import SOUND_BLOCKS
+from .evidence import SOUND_BLOCKS, Evidence
 
 
 @thresholds

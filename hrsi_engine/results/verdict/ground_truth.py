@@ -21,8 +21,7 @@ from ...foundation.thresholds import SAMPLES, SIGNIFICANCE, threshold, threshold
 from ...ground.geodesy import ground_difference_m
 from ...refinement.selection import SELECTION
 from ..residuals import state_known_sigmas_px
-from .evidence import CAMERA, Evidence
-from .significance import SOUND_BLOCKS, compute_chi_square_limit, is_significant
+from .evidence import CAMERA, SOUND_BLOCKS, Evidence, compute_chi_square_limit, is_significant
 
 
 @thresholds

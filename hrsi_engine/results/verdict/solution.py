@@ -15,8 +15,7 @@ from ...foundation.reasons import Level, Reason
 from ...foundation.thresholds import EQUALITY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ...ground.geoids import GEOID
 from ...ground.operation_uses import advise_grids, describe_missing_grid, describe_substitute
-from .evidence import CAMERA, Evidence
-from .significance import SOUND_BLOCKS, is_significant
+from .evidence import CAMERA, SOUND_BLOCKS, Evidence, is_significant
 
 
 @thresholds
