@@ -74,7 +74,7 @@ class BlockUpdater:
         self._problem, self._loop, self._last = adjuster.problem, adjuster.loop, adjuster.solution
         self._gain = compute_drift_gain(self._problem, self._loop, compute_drift_squares(self._problem, self._last))
         delivered = self.result.values[np.unique(self._problem.observations.camera_of_image, return_index=True)[1]]
-        self._kept = delivered - absorb_drift(self._last.state.values, self._gain)  # `rpc_position`
+        self._kept = delivered - absorb_drift(self._last.state.values, self._gain)  # `keep_rpc_position`
         self._ids = block.points.ids[self._problem.observations.points]
         self._pattern, self._blocks = self._loop.pattern, self._last.normals.blocks
         self._system = CameraSystem(self._pattern)

@@ -9,7 +9,7 @@ import simulated_blocks as blocks
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.adjustment.following import BlockUpdater
 from hrsi.hrsi_engine.adjustment.outcome import assembly
-from hrsi.hrsi_engine.adjustment.outcome.rpc_position import keep_rpc_position
+from hrsi.hrsi_engine.adjustment.outcome.final_cameras import keep_rpc_position
 from hrsi.hrsi_engine.adjustment.solver import run_adjuster
 from hrsi.hrsi_engine.adjustment.statistics.precision import compute_precision
 from hrsi.hrsi_engine.block.block import Block, Image

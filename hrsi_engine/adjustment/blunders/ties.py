@@ -112,32 +112,16 @@ def check_ties(
     squares: np.ndarray,
     variance: tuple[float, float],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Decide on the measurements of tie points with the cameras of a solution.
+    """Decide on the measurements of tie points with the cameras of a solution, by the limit ``reject_sigma``.
 
     Every point starts with all its measurements again, so that one that was left out with worse cameras can be accepted
     again.
 
-    Parameters
-    ----------
-    problem : Problem
-        Its ``reject_sigma`` is the limit of the tests.
-    solution : Solution
-        Cameras, positions and residuals; its measurements with weight determine the common part of the residuals.
-    all_in : Weighting
-        Weights of all measurements, and the points' priors.
-    ties : (m,) ndarray of bool
-        The points to test.
-    squares : (m,) ndarray
-        Weighted sums of squares of the points with all their measurements (`compute_point_squares`).
-    variance : (factor, freedom)
-        Variance factor of the tie points and its degrees of freedom (`estimate_tie_variance`).
-
-    Returns
-    -------
-    decision : (n,) ndarray of int8
-        A `Decision` for every measurement.
-    failed : (n,) ndarray of float32
-        Test values (sigmas) of those that failed, NaN for the others.
+    solution : its measurements with weight determine the common part of the residuals
+    all_in : weights of all measurements, and the points' priors
+    ties, squares : (m,) mask of the points to test, and their sums of squares with all measurements
+    variance : variance factor of the tie points and its degrees of freedom (`estimate_tie_variance`)
+    Result: a `Decision` for every measurement ``(n,)``, and the test values (sigmas) of those that failed, else NaN.
     """
     observations, sigmas = problem.observations, problem.options.reject_sigma
     factor, freedom = variance

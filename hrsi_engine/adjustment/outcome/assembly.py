@@ -19,9 +19,8 @@ from ..source_results import HeightAgreement, PlanAgreement
 from ..statistics.precision import Precision, compute_deletion_tests
 from ..statistics.shared_shifts import propagate_jitter, propagate_pointing, propagate_shifts
 from .area_accuracy import describe_parts, predict_without_surveys
-from .final_cameras import FinalCameras, compute_final_cameras
+from .final_cameras import FinalCameras, compute_final_cameras, keep_rpc_position
 from .result_warnings import warn_of_result
-from .rpc_position import keep_rpc_position
 
 ROWS_AT_ONCE = 200_000  # image points whose tests are computed together
 
