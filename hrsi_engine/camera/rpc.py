@@ -390,17 +390,15 @@ class RPC:
             for axis in (0, 1):
                 np.subtract(image[part, axis], self._image_off[axis], out=target[axis])
             target /= self._image_scale[:, None]
-            lonlat, has_converged = self._solver.solve(
-                target, (heights[part] - self.height_off) / self.height_scale, work
-            )
+            lonlat, solved = self._solver.solve(target, (heights[part] - self.height_off) / self.height_scale, work)
             lonlat *= self._ground_scale[:2, None]
             lonlat += self._ground_off[:2, None]
             if np.abs(lonlat[0]).max() > 180.0:
                 outside = np.abs(lonlat[0]) > 180.0
                 lonlat[0, outside] = wrap_degrees(lonlat[0, outside])
             ground[part, 0], ground[part, 1], ground[part, 2] = *lonlat, heights[part]
-            ground[part][~has_converged] = np.nan
-            converged[part] = has_converged
+            ground[part][~solved] = np.nan
+            converged[part] = solved
 
         for_parts(len(image), localize_part)
         return Localization(ground, converged)

@@ -190,20 +190,15 @@ def _iterate_hemispheres(ground: np.ndarray, expected: np.ndarray) -> Iterator[G
         return
     utm = utm_zone(float(expected[0]), float(expected[1]))
     for zone, south in itertools.product((utm, utm % 60 + 1, (utm - 2) % 60 + 1), (False, True)):
-        reprojected = _reproject_misread(
-            ground, *((32700 + zone, 32600 + zone) if south else (32600 + zone, 32700 + zone))
-        )
-        if reprojected is None:
+        moved = _reproject_misread(ground, *((32700 + zone, 32600 + zone) if south else (32600 + zone, 32700 + zone)))
+        if moved is None:
             continue
         # the zone may be wrong too: zones are congruent, so that only the longitude changes
         zones = (zone - utm + 30) % 60 - 30
-        reprojected[:, 0] = wrap_degrees(reprojected[:, 0] - 6.0 * zones)
+        moved[:, 0] = wrap_degrees(moved[:, 0] - 6.0 * zones)
         zone_text = f" and the zone is {abs(zones)} too far {'east' if zones > 0 else 'west'}" if zones else ""
         advice = "correct the CRS of the ground points (EPSG:326xx north, EPSG:327xx south)"
-        yield (
-            Mistake("other-projection", f"the UTM zone belongs to the wrong hemisphere{zone_text}", advice),
-            reprojected,
-        )
+        yield Mistake("other-projection", f"the UTM zone belongs to the wrong hemisphere{zone_text}", advice), moved
 
 
 def _iterate_projections(ground: np.ndarray, expected: np.ndarray) -> Iterator[GroundHypothesis]:

@@ -322,12 +322,10 @@ def _select_suspects(pairs: PairSample, consistency: PairConsistency, failing: n
     """
     ends, count = pairs.ends, len(pairs.block.images)
     telling = np.isfinite(consistency.good)
-    compute_all_pairs = np.bincount(ends[telling].ravel(), minlength=count)
+    pair_count = np.bincount(ends[telling].ravel(), minlength=count)
     failed = np.bincount(ends[failing].ravel(), minlength=count)
-    suspects = np.flatnonzero(failed >= np.maximum(0.5 * compute_all_pairs, 1))
-    return suspects[np.argsort(-failed[suspects] / compute_all_pairs[suspects], kind="stable")][
-        : TIE_CHECK.most_suspects
-    ]
+    suspects = np.flatnonzero(failed >= np.maximum(0.5 * pair_count, 1))
+    return suspects[np.argsort(-failed[suspects] / pair_count[suspects], kind="stable")][: TIE_CHECK.most_suspects]
 
 
 def _find_best_mistake(
@@ -354,9 +352,7 @@ def _find_best_mistake(
     if len({mistake.code for _, mistake, _ in candidates}) > 1:
         return None
     _, _, images = min(candidates, key=lambda entry: entry[0])
-    rivals = [
-        (share, mistake) for share, mistake, images_of_entry in candidates if np.array_equal(images_of_entry, images)
-    ]
+    rivals = [(share, mistake) for share, mistake, touched in candidates if np.array_equal(touched, images)]
     return [mistake for _, mistake in rivals], images, rivals[0][0]
 
 

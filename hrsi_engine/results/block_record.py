@@ -74,24 +74,18 @@ def joint_arrays(joint: JointCameras) -> dict[str, np.ndarray]:
 def read_joint_arrays(arrays: Mapping[str, np.ndarray], source: str) -> JointCameras:
     """Return the cameras from arrays as of `joint_arrays`; raise `InputError` if the arrays are inconsistent."""
     try:
-        stated = {part.name: arrays[part.name] for part in fields(JointCameras)}
-        k, (c, p), b = len(stated["images"]), stated["values"].shape, len(stated["blocks"])
+        given = {part.name: arrays[part.name] for part in fields(JointCameras)}
+        k, (c, p), b = len(given["images"]), given["values"].shape, len(given["blocks"])
         numbers = {"camera": (k,), "rows": (b,), "columns": (b,), "gcps": (k,)}
         floats = {"values": (c, p), "blocks": (b, p, p), "squares": (c, p, p)}
-        is_valid = all(
-            stated[name].shape == shape and stated[name].dtype.kind in "iu" for name, shape in numbers.items()
-        )
-        is_valid &= all(
-            stated[name].shape == shape and np.isfinite(stated[name]).all() for name, shape in floats.items()
-        )
-        is_valid &= stated["fixed"].shape == (c, p) and stated["fixed"].dtype == bool and len(stated["parameters"]) == p
-        is_valid &= all(((stated[name] >= 0) & (stated[name] < c)).all() for name in ("camera", "rows", "columns"))
-        is_valid = is_valid and bool(
-            (np.diff(stated["rows"]) >= 0).all() and (stated["rows"] <= stated["columns"]).all()
-        )
+        is_valid = all(given[name].shape == shape and given[name].dtype.kind in "iu" for name, shape in numbers.items())
+        is_valid &= all(given[name].shape == shape and np.isfinite(given[name]).all() for name, shape in floats.items())
+        is_valid &= given["fixed"].shape == (c, p) and given["fixed"].dtype == bool and len(given["parameters"]) == p
+        is_valid &= all(((given[name] >= 0) & (given[name] < c)).all() for name in ("camera", "rows", "columns"))
+        is_valid = is_valid and bool((np.diff(given["rows"]) >= 0).all() and (given["rows"] <= given["columns"]).all())
     except (KeyError, ValueError, TypeError) as error:
         raise InputError(f"{source}: contains no camera parameters ({error!r}): adjust that block again") from None
     if not is_valid:
         raise InputError(f"{source}: its arrays are inconsistent: adjust that block again")
-    names: dict[str, Any] = {name: tuple(map(str, stated[name].tolist())) for name in ("images", "parameters")}
-    return JointCameras(**{**stated, **names})
+    names: dict[str, Any] = {name: tuple(map(str, given[name].tolist())) for name in ("images", "parameters")}
+    return JointCameras(**{**given, **names})

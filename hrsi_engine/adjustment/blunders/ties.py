@@ -341,11 +341,9 @@ class PointRays:
         tests : (l, k) test values of their measurements; sigmas : limit of the tests
         """
         freedom = np.maximum(2 * rays - 5, 1)
-        acceptable = np.array([critical_value(sigmas, d) for d in range(1, int(freedom.max(initial=1)) + 1)])[
-            freedom - 1
-        ]
+        limits = np.array([critical_value(sigmas, d) for d in range(1, int(freedom.max(initial=1)) + 1)])[freedom - 1]
         alive = self.weight[points] > 0.0
-        could_be = alive & (squares[:, None] - tests <= acceptable[:, None])
+        could_be = alive & (squares[:, None] - tests <= limits[:, None])
         unclear = (could_be.sum(axis=1) > 1) | (rays == 2)
         could_be[rays == 2] = alive[rays == 2]
         worst = np.zeros_like(could_be)

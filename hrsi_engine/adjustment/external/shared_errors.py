@@ -323,9 +323,7 @@ def find_outlying_groups(
     costs = np.array([cost for cost, _ in trials])
     best = int(np.argmin(costs + 1e-9 * variance))
     outlying_best = trials[best][1]
-    decided = np.logical_and.reduce(
-        [outlying for cost, outlying in trials if cost < costs[best] + SIGNIFICANCE.decisive]
-    )
+    decided = np.logical_and.reduce([mask for cost, mask in trials if cost < costs[best] + SIGNIFICANCE.decisive])
     weight = ~outlying_best / (variance + np.array([sources[k].sigma_m for k in source_of_group]) ** 2)
     return outlying_best, decided, float(weight @ offset / weight.sum())
 

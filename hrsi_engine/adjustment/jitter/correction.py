@@ -129,18 +129,16 @@ def choose_spacings(result: Adjustment, choice: str) -> tuple[dict[int, float], 
         return spacings, JITTER_CURVES.knots_in_period * min(spacings.values())
     if choice != "auto":
         return {}, np.inf
-    waves_of_images = find_block_waves(collect_line_profiles(result))
-    waves = [
-        [wave for wave in image_waves if wave.amplitude_px >= EQUALITY.camera_px] for image_waves in waves_of_images
-    ]
-    shortest = pixel * [min((wave.period_lines for wave in image_waves), default=np.inf) for image_waves in waves]
+    significant = find_block_waves(collect_line_profiles(result))
+    waves = [[wave for wave in group if wave.amplitude_px >= EQUALITY.camera_px] for group in significant]
+    shortest = pixel * [min((wave.period_lines for wave in group), default=np.inf) for group in waves]
     if not np.isfinite(shortest).any():
         return {}, np.inf
     strongest = max(
         (
             (wave.amplitude_px * size, wave.period_lines * size)
-            for image_waves, size in zip(waves, pixel, strict=True)
-            for wave in image_waves
+            for group, size in zip(waves, pixel, strict=True)
+            for wave in group
         )
     )[1]
     # A wave of one image also appears in those with common points, and the spectrum does not show which one has it

@@ -130,9 +130,7 @@ class Groups:
         kind = block.measurements.kind[observations.rows]
         is_image_kind = (kind != LASER_KIND) & (kind != REFERENCE_KIND)
         count = np.bincount(number, is_image_kind, minlength=len(titles))
-        cautious = frozenset(
-            title for title, other_count in zip(titles, count.tolist(), strict=True) if not other_count
-        )
+        cautious = frozenset(title for title, points in zip(titles, count.tolist(), strict=True) if not points)
         splits, sensor = GROUPINGS[grouping], np.zeros(len(block.images), dtype=np.int64)
         if _number_images in splits:
             sensor = np.arange(len(block.images))

@@ -203,16 +203,12 @@ def read_orthority(image_path: str, path: str) -> FoundRpc:
     text = _YAML_LIST.sub(lambda yaml_entries: f": [{','.join(yaml_entries[1].split()[1::2])}]", read_text(path))
     _, *texts = _YAML_PART.split(text)
     parts = {name.strip("'\""): text for name, text in zip(texts[::2], texts[1::2], strict=True)}
-    matching_names = [
-        name for name in parts if not image_path or os.path.basename(name) == os.path.basename(image_path)
-    ]
-    if len(matching_names) != 1:
+    matches = [name for name in parts if not image_path or os.path.basename(name) == os.path.basename(image_path)]
+    if len(matches) != 1:
         name = os.path.basename(image_path) or "one image"
         value_list = ", ".join(parts) or "none"
-        raise InputError(
-            f"{path}: has {len(matching_names)} RPCs for {name} (parts: {value_list}): keep one of that name"
-        )
-    yaml_entries = _YAML_ENTRY.findall(parts[matching_names[0]])
+        raise InputError(f"{path}: has {len(matches)} RPCs for {name} (parts: {value_list}): keep one of that name")
+    yaml_entries = _YAML_ENTRY.findall(parts[matches[0]])
     entries = {key: value_list or scalar for key, value_list, scalar in yaml_entries}
     size = [*entries.get("im_size", "").split(","), "", ""]
     return FoundRpc(fields.rpc_from_entries(path, entries, _YAML_NAMES), stated_size=positive_size(size[0], size[1]))
