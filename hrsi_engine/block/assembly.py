@@ -119,9 +119,11 @@ def _warn_of_similar_ids(ids: np.ndarray, rows: ImagePoints, valid: GroundPoints
     result = []
     for tie, similar in find_similar_ids(ids[~np.isin(ids, surveyed)], surveyed).items():
         images = rows.image_ids[rows.ids == tie]
-        for name in similar:
-            if not np.isin(images, rows.image_ids[rows.ids == name]).any():
-                result.append(f"{tie!r} ({name!r} has one)")
+        result += [
+            f"{tie!r} ({name!r} has one)"
+            for name in similar
+            if not np.isin(images, rows.image_ids[rows.ids == name]).any()
+        ]
     if not result:
         return []
     return [

@@ -406,9 +406,11 @@ def read_overview_pixels(image: Image, step: int) -> tuple[np.ndarray, np.ndarra
     raster, size = image.pixels, image.known_size
     if isinstance(raster, PyramidRaster):
         return raster.read_means(step)
-    parts, lines = [], step * max(MEMORY.part_px // step, 1)
-    for line in range(0, step * (size[1] // step), lines):
-        parts.append(average_blocks(*raster.read(0, line, size[0], min(lines, size[1] - line)), step))
+    lines = step * max(MEMORY.part_px // step, 1)
+    parts = [
+        average_blocks(*raster.read(0, line, size[0], min(lines, size[1] - line)), step)
+        for line in range(0, step * (size[1] // step), lines)
+    ]
     grey, valid = (np.concatenate(part) for part in zip(*parts, strict=True))
     return grey, valid
 

@@ -34,9 +34,10 @@ def find_weak_control(block: Block) -> dict[str, list[str]]:
             kinds["on nodata"][index] = not image.raster.read(sample, line, 1, 1)[1].all()
     points, number = np.unique(measured.point[rows], return_inverse=True)
     rays = np.bincount(number, minlength=len(points))
-    result = {}
-    for kind, affected in kinds.items():
-        result[kind] = block.points.ids[points[np.bincount(number, affected, len(points)) == rays]].tolist()
+    result = {
+        kind: block.points.ids[points[np.bincount(number, affected, len(points)) == rays]].tolist()
+        for kind, affected in kinds.items()
+    }
     names_of = {name for names in result.values() for name in names}
     single = block.points.ids[points[rays == 1]].tolist() if len(block.images) > 1 else []
     return {**result, "in one image only": [name for name in single if name not in names_of]}

@@ -210,9 +210,8 @@ def list_operation_warnings(uses: Sequence[OperationUse]) -> list[str]:
     """Return warnings about missing grids and geoids, plate-fixed datums and ballpark operations."""
     warnings = []
     for use in uses:
-        for text in (describe_missing_grid(use), describe_substitute(use)):
-            if text:
-                warnings.append(f"{text}: {advise_grids(use)}")
+        texts = describe_missing_grid(use), describe_substitute(use)
+        warnings += [f"{text}: {advise_grids(use)}" for text in texts if text]
         if use.operation.is_ballpark:
             warnings.append(
                 f"{use.source}: PROJ has no operation from {use.crs} to WGS84, so the two datums are treated as equal"

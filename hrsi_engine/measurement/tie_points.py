@@ -150,9 +150,11 @@ def find_tie_points(
             if not {images[number].id for number in bridged} <= search.earlier
         ]
     else:
-        for pair in summaries:
-            if not pair.matches and pair.first not in lonely and pair.second not in lonely:
-                warnings.append(f"{pair.first} and {pair.second}: no matches")
+        warnings += [
+            f"{pair.first} and {pair.second}: no matches"
+            for pair in summaries
+            if not pair.matches and pair.first not in lonely and pair.second not in lonely
+        ]
     return TiePoints(points, ground, summaries, tuple(warnings), holds)
 
 

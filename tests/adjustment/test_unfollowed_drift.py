@@ -11,7 +11,7 @@ from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m
 from hrsi.hrsi_engine.refinement.image_space import IMAGE_SPACE, add_drift_parameters
-from hrsi.hrsi_engine.results.statistics import normalise_residuals
+from hrsi.hrsi_engine.results.figures import normalise_residuals
 
 SEEDS = range(6)
 

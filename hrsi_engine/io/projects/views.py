@@ -177,8 +177,8 @@ def plan_colmap_project(project: BlockProject) -> PlannedProject:
         f"{row + 1} {' '.join(map(repr, local[row].tolist()))} 128 128 128 {np.mean(misses[row]):.4f} {' '.join(track)}"
         for row, track in sorted(tracks.items())
     ]
-    for name, lines in (("cameras", cameras), ("images", images), ("points3D", points)):
-        files[f"{name}.txt"] = "\n".join(lines) + "\n"
+    tables = {"cameras": cameras, "images": images, "points3D": points}
+    files |= {f"{name}.txt": "\n".join(lines) + "\n" for name, lines in tables.items()}
     errors = {one.view.image.id: {"rms_px": one.error_px[0], "max_px": one.error_px[1]} for one in views}
     origin = [frame.lon_deg, frame.lat_deg, frame.height_m]
     scene = {"origin": origin, "axes": "east, north, up (m)", "perspective": errors}

@@ -53,9 +53,9 @@ def rpc_from_text(source: str, values: Mapping[str, Text | None], names: Mapping
     or a scale is zero.
     """
     names = names or GDAL_NAMES
-    numbers: dict[str, float | np.ndarray | None] = {}
-    for field in SCALARS:
-        numbers[field] = _parse_number(source, names[field], values.get(field))
+    numbers: dict[str, float | np.ndarray | None] = {
+        field: _parse_number(source, names[field], values.get(field)) for field in SCALARS
+    }
     for field in POLYNOMIALS:
         name = names[field]
         texts = values.get(field)

@@ -44,16 +44,10 @@ def read_isd(path: str) -> FoundRpc:
 
 def isd_text(rpc: RPC) -> str:
     """Return the content of an ISD XML file with only an RPC, with all digits."""
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        "<isd>",
-        f" {MARKS['isd']}",
-        " <RPB>",
-        "  <SPECID>RPC00B</SPECID>",
-    ]
-    lines.append("  <IMAGE>")
-    for name in (*ERRORS, *SCALARS):  # GDAL needs all of them; an unknown accuracy is 0
-        lines.append(f"   <{ISD_NAMES[name]}>{getattr(rpc, name) or 0.0!r}</{ISD_NAMES[name]}>")
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<isd>", f" {MARKS['isd']}", " <RPB>"]
+    lines += ["  <SPECID>RPC00B</SPECID>", "  <IMAGE>"]
+    scalars = {ISD_NAMES[name]: getattr(rpc, name) or 0.0 for name in (*ERRORS, *SCALARS)}  # unknown accuracy: 0
+    lines += [f"   <{tag}>{value!r}</{tag}>" for tag, value in scalars.items()]
     for name in POLYNOMIALS:
         numbers, tag = " ".join(map(repr, getattr(rpc, name).tolist())), ISD_NAMES[name]
         lines.append(f"   <{tag}List><{tag}>{numbers}</{tag}></{tag}List>")

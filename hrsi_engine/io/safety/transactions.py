@@ -273,8 +273,8 @@ def only_writer(folder: str | None, images: Iterable[str] = ()) -> Iterator[None
         try:
             with holding_signals():  # a signal between creation and assignment would leave it behind
                 new_folders = _make_folders(os.path.dirname(paths[0])) if paths else []
-            for image in sorted({os.path.realpath(image) for image in images}):
-                paths.append(os.path.join(os.path.dirname(image), f"{LOCK}-{os.path.basename(image)}"))
+            places = map(os.path.split, sorted({os.path.realpath(image) for image in images}))
+            paths += [os.path.join(place, f"{LOCK}-{name}") for place, name in places]
             for path in paths:
                 locks.enter_context(hold_lock(path))
             yield
