@@ -147,10 +147,7 @@ def _iterate_axis_exchanges(ground: np.ndarray) -> Iterator[GroundHypothesis]:
 
 
 def _iterate_angular_units(ground: np.ndarray, expected: np.ndarray) -> Iterator[GroundHypothesis]:
-    """Yield longitudes and latitudes in another angular unit than degrees, where the conversion brings them near.
-
-    ground : (n, 3) as given; expected : (3,) middle of the images' ground, lon, lat, height
-    """
+    """Yield longitudes and latitudes in an angular unit other than degrees, where the conversion brings them near."""
     sign, size = np.sign(ground[:, :2]), np.abs(ground[:, :2])
     whole_degrees, digits = np.floor(size + 1e-9), 100.0 * (size - np.floor(size + 1e-9))
     minutes = np.floor(digits + 1e-7)
@@ -228,10 +225,7 @@ def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray 
 
 
 def _iterate_height_mistakes(control: ControlMeasurements, shift_m: np.ndarray) -> Iterator[GroundHypothesis]:
-    """Yield heights in feet, of another datum, and with one error common to all, the last as a remedy of last resort.
-
-    shift_m : (images, 2) shifts of the images with the heights as given
-    """
+    """Yield heights in feet, of another datum, and with one error common to all."""
     ground, heights = control.ground, "the heights of the ground points"
     for factor, message in (
         (FEET_M, "are in feet"),

@@ -316,10 +316,7 @@ def _select_common_images(ends: np.ndarray) -> list[int]:
 
 
 def _select_suspects(pairs: PairSample, consistency: PairConsistency, failing: np.ndarray) -> np.ndarray:
-    """Return the images at least half of whose pairs fail, the worst first (at most `TIE_CHECK.most_suspects`).
-
-    failing : (k,) indices of the failing pairs
-    """
+    """Return the images at least half of whose pairs fail, the worst first (at most `TIE_CHECK.most_suspects`)."""
     ends, count = pairs.ends, len(pairs.block.images)
     telling = np.isfinite(consistency.good)
     pair_count = np.bincount(ends[telling].ravel(), minlength=count)
@@ -361,9 +358,8 @@ def _iterate_hypotheses(
 ) -> Iterator[tuple[Mistake, np.ndarray, float]]:
     """Yield every input error with the images on which it is corrected, and the share of points still wrong then.
 
-    An error on all images makes many pairs fail; one on few images is tested in the pairs of these images only.
-
-    suspects : (k,) indices of images, of which one, two or three are wrong
+    An error on all images makes many pairs fail; one on few of the ``suspects (k,)`` is tested in the pairs of these
+    only.
     """
     if consistency.share >= TIE_CHECK.doubtful_share:
         all_images = np.arange(len(pairs.block.images))
@@ -410,10 +406,7 @@ def _compute_share_with(pairs: PairSample, given: PairConsistency, some: np.ndar
 
 
 def _undo_pixel_mistake(pairs: PairSample, undo: Callable[..., np.ndarray], images: np.ndarray) -> np.ndarray:
-    """Return the image coordinates ``(n, 2, 2)`` with an input error on some images corrected.
-
-    undo : corrects ``xy (k, 2)`` of an image; images : indices of those with the error
-    """
+    """Return the image coordinates ``(n, 2, 2)`` with an input error on ``images`` corrected by ``undo(xy, image)``."""
     xy = pairs.xy.reshape(-1, 2).copy()
     rows = np.flatnonzero(np.isin(pairs.image.ravel(), images))
     index = pairs.image.ravel()[rows]

@@ -224,11 +224,7 @@ class Snooping:
 def leave_out(
     problem: Problem, control: Discrepancies, suspect: Suspect, survey_weight: np.ndarray, round_findings: RoundFindings
 ) -> None:
-    """Set the weights of a GCP's wrong part to zero: of the survey ``(m, 3)``, or of measurements; in place.
-
-    control : discrepancies in which ``suspect`` was found; the decisions and test values of ``round_findings`` change
-        too
-    """
+    """Set the weights of a GCP's wrong part to zero: of the survey ``(m, 3)``, or of measurements; in place."""
     point = int(control.points[suspect.gcp])
     rows, kind = np.zeros(0, dtype=np.int64), Decision.DOUBTFUL
     if suspect.what == "height":

@@ -161,12 +161,7 @@ def estimate_relative_cameras(matches: BlockMatches, images: Sequence[Image]) ->
 def _extend_to_all_images(
     matches: BlockMatches, shift: np.ndarray, deviation: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return shifts ``(images, 2)`` and search ranges ``(images,)``, px, of all images.
-
-    Those without matches get median and spread of the others.
-
-    shift : (images, 2); deviation : (n, 2) of the matches after the estimate, px
-    """
+    """Return shifts ``(images, 2)`` and search ranges ``(images,)``, px, also of images without matches."""
     matched = np.unique(np.r_[matches.first, matches.second])
     sigma = np.full(len(shift), CAMERAS.margin_px)
     sigma[matched] += SIGNIFICANCE.sigmas * float(robust_sigma(deviation.ravel()))

@@ -309,10 +309,7 @@ def _make_rectangles(lines: _Sides, edges: np.ndarray, is_edge: np.ndarray) -> S
 
 
 def fit_polygons(outlines: Outlines, slopes: GradientImage, sign: np.ndarray) -> Shapes:
-    """Return the polygons of the edge points: centroid, and the diameters of the ellipse with equal moments.
-
-    The noise of the outline is that of each point's distance from the middle of its neighbours, along the normal.
-    """
+    """Return the polygons of the edge points: centroid, and the diameters of the ellipse with equal moments."""
     count = outlines.found.sum(axis=1)
     order = np.argsort(~outlines.found, axis=1, kind="stable")
     xy = np.take_along_axis(outlines.xy, order[..., None], axis=1)

@@ -153,10 +153,7 @@ def split_into_lines(xy: np.ndarray, tolerance_px: float = 1.5) -> tuple[np.ndar
 
 
 def _list_candidate_lines(xy: np.ndarray, limit: int = 200) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return point ``(2,)`` and unit normal ``(2,)`` of lines through pairs of points ``xy (n, 2)``.
-
-    At most ``limit`` pairs are used, evenly selected.
-    """
+    """Return point and unit normal ``(2,)`` of lines through pairs of points, of at most ``limit`` pairs."""
     i, j = np.triu_indices(len(xy), 1)
     if len(i) > limit:
         sampled = np.linspace(0, len(i) - 1, limit).astype(int)

@@ -177,10 +177,7 @@ class TileFrame:
         return np.stack(columns, axis=-1) * (self.first.step / self.second.step)
 
     def parallax(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return unit direction ``(n, 2)`` and size ``(n,)`` (px per metre) of the parallax of height in this frame.
-
-        points : (n, 2) columns, rows; images of the same view have the direction of the columns
-        """
+        """Return unit direction ``(n, 2)`` and size ``(n,)`` (px per metre) of the parallax of height in this frame."""
         up_m = GROUND.margin_m
         parallax_px = (self.predict(points, up_m) - self.predict(points, -up_m)) / (2.0 * up_m)
         slope = np.linalg.solve(self.compute_jacobians(points), parallax_px[..., None])[..., 0]

@@ -90,10 +90,7 @@ def correlate_fields(template: np.ndarray, search: np.ndarray) -> np.ndarray:
 
 
 def correlate_orientations(template: np.ndarray, search: np.ndarray) -> np.ndarray:
-    """Return the normalised correlation, -1 to 1, at every shift; 0 if there is nothing to compare.
-
-    template, search : fields of `compute_orientation_field`
-    """
+    """Return the normalised correlation, -1 to 1, of orientation fields at every shift; 0 without any."""
     template_energy = float(np.square(np.abs(template)).sum())
     window_energy = sum_windows(np.square(np.abs(search)), (template.shape[0], template.shape[1]))
     energy = np.maximum(
