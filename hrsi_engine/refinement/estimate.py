@@ -213,7 +213,7 @@ def estimate(model: RefinementModel, image: Image, control: Control, priors: Pri
 
     model : its `solve`, if it has one, replaces `iterate_least_squares`
     priors : standard deviations of the parameters, by default so large that they only keep the equations regular
-    Result: also tells if the iteration did not converge.
+    Result: its ``converged`` is false if the iteration did not converge.
     Raises `SolveError` if the iteration leaves the domain of the RPC.
     """
     sigmas = model.prior_sigmas(image, priors)

@@ -225,7 +225,7 @@ def compare_groups(
 
     judged : fits of the sources; their ``groups`` are filled, and weights of groups left out become zero
     memory : history of earlier passes, updated
-    beside : offsets by other observations (surveyed heights, RPCs), which take part in the test
+    beside : offsets by other observations (surveyed heights, RPCs), which are tested too
     Result: for each of ``beside`` the mask ``(k,)`` of its offsets that contradict the others; empty without groups
     """
     group_offsets: list[GroupOffset] = []
