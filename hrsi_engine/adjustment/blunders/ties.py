@@ -125,7 +125,6 @@ def check_ties(
     """
     observations, sigmas = problem.observations, problem.options.reject_sigma
     factor, freedom = variance
-    in_solution = solution.weight > 0.0
     decision = np.full(observations.count, int(Decision.KEPT), dtype=np.int8)
     failed = np.full(observations.count, np.nan, dtype=np.float32)
     lengths = np.diff(observations.first)
@@ -135,20 +134,7 @@ def check_ties(
     groups: list[tuple[np.ndarray, PointRays]] = []
     if not len(suspicious):
         return decision, failed
-    # Common part of the residuals of each image: coefficients (images, 6, 2) of `_list_terms`
-    trends = np.zeros((len(observations.images), 6, 2))
-    for index, rows in enumerate(observations.by_image):
-        rows = rows[in_solution[rows]]
-        rows = rows[:: 1 + len(rows) // TREND.sample]
-        if len(rows) < SAMPLES.quadratic:
-            continue
-        terms, weight = _list_terms(observations, rows), np.ones(len(rows))
-        for _ in range(ITERATIONS.repeated):
-            weighted = terms * weight[:, None]
-            normal = terms.T @ weighted + REDUNDANCY.regularised * len(rows) * np.eye(6)
-            trends[index] = np.linalg.solve(normal, weighted.T @ solution.normals.residual[rows])
-            distance = np.linalg.norm(solution.normals.residual[rows] - terms @ trends[index], axis=1)
-            weight = huber(distance / max(float(np.median(distance)), 1e-9))
+    trends = _fit_image_trends(observations, solution)
     for length in np.unique(rays):
         points = suspicious[rays == length]
         rows, linear = problem.equations.linearise_points(solution.state, points)
@@ -182,6 +168,28 @@ def check_ties(
     for rows, group in groups:
         decision[rows], failed[rows] = group.judge(sigmas, limit, outlier_rate, size)
     return decision, failed
+
+
+def _fit_image_trends(observations: Observations, solution: Solution) -> np.ndarray:
+    """Return the common part of each image's residuals: coefficients ``(images, 6, 2)`` of `_list_terms`, px.
+
+    Fitted robustly (Huber) to an even choice of the measurements with weight; 0 for images with too few.
+    """
+    trends = np.zeros((len(observations.images), 6, 2))
+    is_used, residual = solution.weight > 0.0, solution.normals.residual
+    for index, rows in enumerate(observations.by_image):
+        rows = rows[is_used[rows]]
+        rows = rows[:: 1 + len(rows) // TREND.sample]
+        if len(rows) < SAMPLES.quadratic:
+            continue
+        terms, weight = _list_terms(observations, rows), np.ones(len(rows))
+        for _ in range(ITERATIONS.repeated):
+            weighted = terms * weight[:, None]
+            normal = terms.T @ weighted + REDUNDANCY.regularised * len(rows) * np.eye(6)
+            trends[index] = np.linalg.solve(normal, weighted.T @ residual[rows])
+            distance = np.linalg.norm(residual[rows] - terms @ trends[index], axis=1)
+            weight = huber(distance / max(float(np.median(distance)), 1e-9))
+    return trends
 
 
 def _list_terms(observations: Observations, rows: np.ndarray) -> np.ndarray:
