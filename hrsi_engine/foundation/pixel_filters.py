@@ -33,6 +33,7 @@ class STRETCH:
     """Grey values of an image for people and for feature detection."""
 
     percent: tuple[float, float] = threshold((1.0, 99.0), "%", "percentiles that become black and white")
+    view_percent: tuple[float, float] = threshold((2.0, 98.0), "%", "percentiles of black and white of a view of it")
 
 
 def load_opencv() -> Any:

@@ -33,7 +33,8 @@ from qgis.PyQt.QtWidgets import (
 )
 from qgis.PyQt.QtXml import QDomDocument
 
-from ...processing_algorithms.point_session.rows import PANEL, ImageMeasurement
+from ...hrsi_engine.foundation.pixel_filters import STRETCH
+from ...processing_algorithms.point_session.rows import ImageMeasurement
 from ..translation import tr
 from .table_models import FAINT, SUSPICIOUS
 
@@ -386,7 +387,7 @@ class ImageView(QWidget):
         if wanted == self._stretched:
             return
         self._stretched = wanted
-        low, high = (0.01 * percent for percent in PANEL.stretch_percent)
+        low, high = (0.01 * percent for percent in STRETCH.view_percent)
         self.grey_range = low, high = layer.dataProvider().cumulativeCut(band, low, high, extent, STRETCH_PIXELS)
         renderer = QgsSingleBandGrayRenderer(layer.dataProvider(), band)
         contrast = QgsContrastEnhancement(layer.dataProvider().dataType(band))

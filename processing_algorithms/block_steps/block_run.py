@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import cast
+from dataclasses import replace
 
 from ...hrsi_engine.adjustment.hold_out import hold_out_ties
 from ...hrsi_engine.adjustment.options import AdjustOptions
@@ -39,6 +39,7 @@ from ..interface.option_groups import (
     LaserFile,
     PointFiles,
     ReferenceImage,
+    ResultFolder,
     SearchOptions,
     SurfaceFile,
 )
@@ -52,25 +53,24 @@ from .tie_search import connection_entries, find_ties, join_ties
 
 #: Progress after the search for tie points, reading and adjustment; with a search in the images, and without it.
 PROGRESS_SHARES = {True: (0.8, 0.84, 0.94), False: (0.0, 0.1, 0.6)}
+NO_SURFACE, NO_LASER = SurfaceFile(), LaserFile()
 
 
 class BlockRun:
     """One run of a block, with what its steps have found so far.
 
     context : progress, messages, and whether it is a dry run
-    output : where the results are written; without it the run ends with `judge`
+    output : where the results are written; a run `of_block` has no folder and ends with `judge`
     points : files of ground and image points
     searching : whether tie points are searched in the images, which takes most of the time
+    block, result : the block, from `read` on; the adjusted block, from `adjust` or `take_result` on
     """
 
-    def __init__(
-        self,
-        context: Context,
-        output: BlockOutput | None = None,
-        points: PointFiles | None = None,
-        searching: bool = False,
-    ) -> None:
-        self.context, self.output, self.points = context, output, points or PointFiles()
+    block: Block
+    result: Adjustment
+
+    def __init__(self, context: Context, output: BlockOutput, points: PointFiles, searching: bool = False) -> None:
+        self.context, self.output, self.points = context, output, points
         self.warnings: list[str] = []
         self.reasons: list[Reason] = []
         self.entries: Report = {}
@@ -81,9 +81,7 @@ class BlockRun:
         self._dem: GridSurface | None = None
         self._ties: list[ImagePoints] = []
         self._pairs_to_match: int | None = None
-        self._block: Block | None = None
-        self._result: Adjustment | None = None
-        self._laser, self._laser_points = LaserFile(), cast(LaserPoints | None, None)
+        self._laser_points: LaserPoints | None = None
         self._places: ReferencePlaces | None = None
         self._temporary_folders: tuple[str, ...] = ()
         found, read, adjusted = PROGRESS_SHARES[searching]
@@ -93,23 +91,9 @@ class BlockRun:
     @classmethod
     def of_block(cls, block: Block, context: Context) -> BlockRun:
         """Return the run of a block in memory, ready for `check`."""
-        block_run = cls(context)
-        block_run.images, block_run._block = block.images, block
+        block_run = cls(context, BlockOutput(folder=ResultFolder(output_dir="")), PointFiles())
+        block_run.images, block_run.block = block.images, block
         return block_run
-
-    @property
-    def block(self) -> Block:
-        """The block, after `read`."""
-        if self._block is None:
-            raise RuntimeError("the points of this block are not read yet")
-        return self._block
-
-    @property
-    def result(self) -> Adjustment:
-        """The adjusted block, after `adjust`."""
-        if self._result is None:
-            raise RuntimeError("this block is not adjusted yet")
-        return self._result
 
     # ---- read and search ---------------------------------------------------------------------------------------------
 
@@ -129,8 +113,7 @@ class BlockRun:
         else:
             self.images, self.earlier = open_joined_images(paths, growth, tie_points, shared_images, self.context)
             self._ties = [*self.earlier.ties]
-        if self.output is not None:
-            require_room(self.output, self.images, self.context)
+        require_room(self.output, self.images, self.context)
 
     def open_dem(self, dem: DemOptions) -> None:
         """Open the DEM, with the height datum and the epoch of the points unless it has its own."""
@@ -147,7 +130,7 @@ class BlockRun:
                 "new images need tie points to the earlier images, which are not available with observed cameras: set "
                 "`earlier_cameras` to free, or search `tie_points` first"
             )
-        earlier_ids = self.earlier.image_ids
+        earlier_ids = [image.id for image in self.earlier.images]
         if self.context.dry_run:
             self._pairs_to_match = len(find_overlapping_pairs(self.images, search.search, self._dem, earlier_ids))
             return
@@ -180,7 +163,7 @@ class BlockRun:
         if reference is not None and reference.reference and self.earlier.images:
             raise InputError("`reference` cannot be combined with `add_to`: remove one of them")
         if reference is not None and reference.reference and not self.context.dry_run:
-            self._block, self._places, warnings, entries = read_reference_block(
+            self.block, self._places, warnings, entries = read_reference_block(
                 self.images,
                 self.points,
                 self._dem,
@@ -192,7 +175,7 @@ class BlockRun:
             )
             self.entries |= entries
         else:
-            self._block, warnings = read_block(
+            self.block, warnings = read_block(
                 self.images, self.points, self._dem, tie_points, self._ties, self.earlier.known
             )
         self.warnings += warnings
@@ -204,8 +187,8 @@ class BlockRun:
         self,
         options: AdjustOptions,
         hold_out: float | None = None,
-        surface: SurfaceFile | None = None,
-        laser: LaserFile | None = None,
+        surface: SurfaceFile = NO_SURFACE,
+        laser: LaserFile = NO_LASER,
     ) -> None:
         """Check the inputs for an adjustment with ``options``.
 
@@ -213,24 +196,23 @@ class BlockRun:
         surface, laser : a surface and laser points that constrain the block
         """
         block = self.block if hold_out is None else hold_out_ties(self.block, hold_out)
-        options, block, surface_warnings = with_surface(
-            self.earlier.adjust_options(options), surface or SurfaceFile(), self.points, block
-        )
+        if self.earlier.joint is not None and self.earlier.model is not None:
+            options = replace(options, model=self.earlier.model, earlier=self.earlier.joint)
+        options, block, surface_warnings = with_surface(options, surface, self.points, block)
         self.reasons += input_reasons(block, options.dem or self._dem, options.sigma_shift_px, options.sigma_drift)
         self.reasons += reference_reasons(self.entries)
-        self._laser = laser or LaserFile()
         with explain_failures(self.reasons):
-            self._laser_points, self._block, warnings = add_laser_points(block, self._laser, self.points, self.context)
+            self._laser_points, self.block, warnings = add_laser_points(block, laser, self.points, self.context)
         self.warnings += [*warnings, *surface_warnings]
-        self.options = options
+        self.options, self._laser = options, laser
         self.clock.lap("check")
 
     def plan(self, together: bool = True) -> Report:
         """Return the report of a dry run; ``together`` is whether the images would be adjusted in one block."""
         return plan_results(
-            self._output(),
+            self.output,
             self.images,
-            self._block,
+            getattr(self, "block", None),
             warnings=self.warnings,
             reasons=self.reasons,
             context=self.context,
@@ -253,7 +235,7 @@ class BlockRun:
 
     def take_result(self, result: Adjustment, part: str = "adjust") -> None:
         """Continue with a result; ``part`` is the name of the adjustment among the parts of the report's time."""
-        self._result = result
+        self.result = result
         self.clock.lap(part)
 
     def judge(self) -> JudgedBlock:
@@ -268,14 +250,8 @@ class BlockRun:
 
     def write(self) -> Report:
         """Judge the adjusted block, and write the results; return the report."""
-        output, judged = self._output(), self.judge()
-        path = os.path.join(output.folder.output_dir, REPORT_FILE)
+        judged, path = self.judge(), os.path.join(self.output.folder.output_dir, REPORT_FILE)
         with explain_failures(self.reasons):
-            results = assemble_result(judged, self.context.record, self.entries, path, output.stac)
+            results = assemble_result(judged, self.context.record, self.entries, path, self.output.stac)
             self.clock.lap("judge")
-            return write_results(output, results, self.clock, self._writing, self._temporary_folders)
-
-    def _output(self) -> BlockOutput:
-        if self.output is None:
-            raise RuntimeError("this run has no output")
-        return self.output
+            return write_results(self.output, results, self.clock, self._writing, self._temporary_folders)

@@ -60,25 +60,26 @@ def find_estimation_points(files: Sequence[str], image_ids: Sequence[str]) -> Es
             reports[found or told or ""] = found is not None
     if not reports:
         return None
-    first = next(iter(reports))
-    if not all(reports.values()):
-        return EstimationPoints(next(name for name, there in reports.items() if not there))
+    if missing := [name for name, there in reports.items() if not there]:
+        return EstimationPoints(missing[0])
     tables = []
     for report in reports:
-        layers = os.path.join(os.path.dirname(report), LAYERS_FILE)
         try:
+            layers = os.path.join(os.path.dirname(report), LAYERS_FILE)
             tables.append(read_points(f"{layers}|layername=image_points", image_ids=image_ids))
         except InputError:
             return EstimationPoints(report)
-    return EstimationPoints(first, *split_measurements(tables))
+    return EstimationPoints(next(iter(reports)), *split_measurements(tables))
 
 
 def _names_output(path: str, file: str) -> bool:
     """Return whether a report belongs to a run that wrote a file; its folder may have been moved."""
     report = read_report(path)
-    if report is None or report["algorithm"] not in REFINING_ALGORITHMS:
-        return False
-    return os.path.basename(file) in map(os.path.basename, find_image_outputs(report).values())
+    return (
+        report is not None
+        and report["algorithm"] in REFINING_ALGORITHMS
+        and os.path.basename(file) in map(os.path.basename, find_image_outputs(report).values())
+    )
 
 
 def split_measurements(tables: Sequence[PointTables]) -> tuple[ImagePoints, ImagePoints]:
@@ -217,14 +218,14 @@ def read_evaluation_points(
         judges.find_tracks(denser, images, surface, options.folder.output_dir, context.stage(0.4, 0.8))
         block, _ = read_block(images, options.points, surface, None, judges.found)
         judges.exclude_estimation_points(block, makers, options.apart_px)
-    for name, maker in makers.items():
-        if maker.used is None:
-            judges.warnings.append(
-                f"RPCs {name}: refined by HRSI, but the layers of that run ({maker.report or 'no report'}) are "
-                "missing: it is not known whether that run used these tracks, so no set is named as the best"
-            )
+    judges.warnings += [
+        f"RPCs {name}: refined by HRSI, but the layers of that run ({maker.report or 'no report'}) are missing: it is "
+        "not known whether that run used these tracks, so no set is named as the best"
+        for name, maker in makers.items()
+        if maker.used is None
+    ]
+    told = f"{judges.left_out} tracks were used for RPCs {' or '.join(makers)}"
     if judges.left_out:
-        told = f"{judges.left_out} tracks were used for RPCs {' or '.join(makers)}"
         judges.warnings.append(
             f"{told} and are not evaluated; {judges.tracks} others are, {judges.held_out} of them held out in that "
             "adjustment"

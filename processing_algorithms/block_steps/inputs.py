@@ -13,7 +13,6 @@ from functools import partial
 
 import numpy as np
 
-from ...hrsi_engine.adjustment.options import AdjustOptions
 from ...hrsi_engine.adjustment.priors.earlier_cameras import JointCameras
 from ...hrsi_engine.block.assembly import assemble
 from ...hrsi_engine.block.block import Block, GroundPoints, Image, ImagePoints, Role, group_tiles
@@ -182,10 +181,8 @@ def join_image_points(tables: Sequence[ImagePoints]) -> ImagePoints:
     image = np.concatenate([table.image_ids for table in tables])
     xy = np.concatenate([table.xy for table in tables])
     ids = np.concatenate([np.char.add(f"{number}:", table.ids) for number, table in enumerate(tables)])
-    image_number = np.unique(image, return_inverse=True)[1]
-    nodes, first_row, node = np.unique(
-        np.column_stack([image_number, xy]), axis=0, return_index=True, return_inverse=True
-    )
+    places = np.column_stack([np.unique(image, return_inverse=True)[1], xy])  # image number, sample, line
+    nodes, first_row, node = np.unique(places, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(ids, kind="stable")  # the two rows of a match
     pair = node.ravel()[order].reshape(-1, 2)
     track = build_tracks(pair[:, 0], pair[:, 1], nodes[:, 0].astype(np.int64))
@@ -213,17 +210,6 @@ class EarlierBlock:
     known: tuple[GroundPoints, ...] = ()
     model: str | None = None
     joint: JointCameras | None = None
-
-    @property
-    def image_ids(self) -> list[str]:
-        """Ids of the earlier images."""
-        return [image.id for image in self.images]
-
-    def adjust_options(self, options: AdjustOptions) -> AdjustOptions:
-        """Return the options with the joint estimate of the earlier cameras as prior."""
-        if self.joint is None or self.model is None:
-            return options
-        return replace(options, model=self.model, earlier=self.joint)
 
 
 def open_joined_images(
@@ -271,9 +257,8 @@ def read_earlier(options: BlockGrowthOptions, images: Sequence[Image], tie_point
         return EarlierBlock(tuple(banded), model=record.model, joint=joint)
     earlier = open_block_images(record)
     ids = [one.id for one in record.images]
-    tables = [read_points(record.layer(name), image_ids=ids) for name in ("ground_points", "image_points")]
-    measured, ground = tables[1].image, tables[0].ground  # no ground points: a block of tie points only
-    ground = GroundPoints([], np.empty((0, 3))) if ground is None else ground
+    ground = read_points(record.layer("ground_points"), image_ids=ids).ground or GroundPoints([], np.empty((0, 3)))
+    measured = read_points(record.layer("image_points"), image_ids=ids).image
     if measured is None:
         raise InputError(f"{record.folder}: its block.gpkg has no points: adjust that block again")
     measured, ground = _rename_conflicts(measured, ground, tie_points)

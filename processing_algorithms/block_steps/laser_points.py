@@ -71,12 +71,9 @@ def _count_views(images: Sequence[Image], ground: np.ndarray, margin_px: float) 
     """Return the number of images that contain each position ``(n, 3)``, or are at most ``margin_px`` away from it."""
     count = np.zeros(len(ground), dtype=np.int64)
     for image in images:
-        first_sample, last_sample, first_line, last_line = image.domain_px
-        xy = image.rpc.project(ground)
-        low = np.array([first_sample, first_line]) - margin_px
-        high = np.array([last_sample, last_line]) + margin_px
+        xy, (low, high) = image.rpc.project(ground), np.reshape(image.domain_px, (2, 2)).T  # of sample and line
         with np.errstate(invalid="ignore"):
-            seen = np.flatnonzero(((xy >= low) & (xy <= high)).all(axis=1))
+            seen = np.flatnonzero(((xy >= low - margin_px) & (xy <= high + margin_px)).all(axis=1))
         # far outside its domain a polynomial returns into the image: the ray must lead back to the position
         back = image.rpc.localize(xy[seen], ground[seen, 2]).ground
         count[seen[np.abs(back[:, :2] - ground[seen, :2]).max(axis=1) < 1e-3]] += 1
@@ -146,8 +143,8 @@ def adjust_at_laser_points(
             replace(image, rpc=result.model.compute_refined_rpc(image, values).rpc)
             for image, values in zip(block.images, result.values, strict=True)
         ]
-        lifted = laser.ground + [0.0, 0.0, _above_laser_m(result, laser)]
-        ties = measure_laser_ties(images, replace(laser, ground=lifted), threads, stage(part.progress, 0.0, 0.7))
+        lifted = replace(laser, ground=laser.ground + [0.0, 0.0, _above_laser_m(result, laser)])
+        ties = measure_laser_ties(images, lifted, threads, stage(part.progress, 0.0, 0.7))
         context.log(f"{len(np.unique(ties.ids))} tie points measured at laser points")
         if not len(ties):
             return result, [
@@ -170,9 +167,8 @@ def _above_laser_m(result: Adjustment, laser: LaserPoints) -> float:
     good = laser.ground[laser.doubt == ""]
     if not len(ties) or not len(good):
         return 0.0
-    frame = LocalFrame(*ties[0])
-    count = min(SAMPLES.tested, len(ties))
-    _, near = cKDTree(frame.from_ground(ties)[:, :2]).query(frame.from_ground(good)[:, :2], k=count)
+    tie_xy, laser_xy = (LocalFrame(*ties[0]).from_ground(ground)[:, :2] for ground in (ties, good))
+    _, near = cKDTree(tie_xy).query(laser_xy, k=min(SAMPLES.tested, len(ties)))
     return float(np.median(np.median(ties[near.reshape(len(good), -1), 2], axis=1) - good[:, 2]))
 
 
@@ -193,8 +189,6 @@ def describe_laser(result: Adjustment, options: LaserFile) -> tuple[Report, list
         "rmse_m": float(np.sqrt(np.mean(residual**2))) if residual.size else None,
         "left_out": dict(left_out.most_common()),
     }
-    warnings = []
-    if used < SAMPLES.fewest:
-        why = f"; most of the others: {left_out.most_common(1)[0][0]}" if left_out else ""
-        warnings.append(f"only {used} of {len(found.reason)} laser points are used for the height of the block{why}")
-    return {"laser": entry}, warnings
+    why = f"; most of the others: {left_out.most_common(1)[0][0]}" if left_out else ""
+    warning = f"only {used} of {len(found.reason)} laser points are used for the height of the block{why}"
+    return {"laser": entry}, [warning] if used < SAMPLES.fewest else []

@@ -99,9 +99,8 @@ class Clock:
 
 def require_room(output: BlockOutput, images: Sequence[Image], context: Context) -> None:
     """Raise `InputError`, before the computation, if its results would replace files that must not be replaced."""
-    names = _file_names(output, images)
     folder = output.folder
-    check_output_dir(folder.output_dir, folder.overwrite, names, context.inputs)
+    check_output_dir(folder.output_dir, folder.overwrite, _file_names(output, images), context.inputs)
     if output.stac and output.write == WRITE_NOTHING:
         raise InputError("`stac` describes refined images: set `write`, or remove `stac`")
 
@@ -151,34 +150,30 @@ def write_results(
     """Write all files that the options request and the verdict allows; return the report."""
     report, pairs, target, cameras = result.report, result.pairs, output.folder, result.cameras
     images = [image for image, _ in pairs]
-    cover = output.document
-    report["document"] = {"title": cover.title, "client": cover.client, "place": cover.place}
+    report["document"] = {name: getattr(output.document, name) for name in ("title", "client", "place")}
     how, stale = output.write, list[str]()  # files of earlier runs that must be removed
     if result.is_unusable and how != WRITE_NOTHING and not output.force_write:
         how, stale = WRITE_NOTHING, earlier_rpcs(target.output_dir, context.inputs)
         report["warnings"] += [WITHHELD, *([REMOVED] if stale else [])]
     stale += _list_stale_files(result, how, target.output_dir)
-    complete = {name: os.path.join(target.output_dir, file) for name, file in COMPLETE_FILES.items()}
     curves = {} if how == WRITE_NOTHING else dict(result.jitter_curves or {})
     in_place = [(image, new) for image, new in pairs if how == IN_PLACE and image.has_file]
     changes = Transaction(target.output_dir)
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
         names = plan_file_names(images, how)
         new_files = [(image, new) for image, new in pairs if image.id in names]
-        targets = {name: str(folder / file) for name, file in names.items()}
-        _write_new_files(new_files, targets, how, curves, result.lineage, context.stage(0.0, 0.5))
+        _write_new_files(folder, new_files, names, how, curves, result.lineage, context.stage(0.0, 0.5))
         _name_outputs(report, output, how, images, names, cameras is not None)
         if curves:
             write_jitter(str(folder / JITTER_FILE), curves, {image.id: new.rpc for image, new in pairs})
             report["outputs"]["jitter"] = os.path.join(target.output_dir, JITTER_FILE)
         advance(context.progress, 0.5, "writing layers")
-        part = stage(context.progress, 0.5, 0.7)
-        left_out = UNWANTED_RESIDUALS.get(output.residual_crs)
-        layers = [layer for layer in result.layers if layer.name != left_out]
+        layers = [layer for layer in result.layers if layer.name != UNWANTED_RESIDUALS.get(output.residual_crs)]
         for name, rows in result.tables.items():  # the complete tables of a large block
             write_large_table(str(folder / COMPLETE_FILES[name]), rows)
+        part = stage(context.progress, 0.5, 0.7)
         write_geopackage(str(folder / LAYERS_FILE), layers, progress=part, lineage=result.lineage)
-        report["outputs"] |= {name: complete[name] for name in result.tables}
+        report["outputs"] |= {name: os.path.join(target.output_dir, COMPLETE_FILES[name]) for name in result.tables}
         for file in stale:
             changes.remove(file)
         for image, new in new_files:  # older RPC files that would take precedence over those in new images
@@ -186,8 +181,9 @@ def write_results(
                 path = os.path.join(target.output_dir, names[image.id])
                 report["warnings"] += set_aside_conflicting_rpcs(path, image.path, new.rpc, changes)
         for part, (image, new) in _tell_writing(in_place, context.stage(0.7, 0.95)):  # all images or none
-            lineage = _lineage_of(image, result.lineage)
-            report["warnings"] += prepare_in_place(image.path, new.rpc, changes, part, lineage)
+            report["warnings"] += prepare_in_place(
+                image.path, new.rpc, changes, part, _lineage_of(image, result.lineage)
+            )
         _write_curves_in_place(in_place, curves, target.output_dir, changes)
         if output.stac and how != WRITE_NOTHING:
             _write_items(folder, report, images, result.items, target.output_dir)
@@ -210,26 +206,27 @@ def write_results(
 def _list_stale_files(result: BlockResult, how: str, output_dir: str) -> list[str]:
     """Return files of an earlier run that would be mistaken for some of this one, which has none of their kind."""
     has_jitter = result.jitter_curves is not None and how not in (WRITE_NOTHING, RESAMPLED)
-    files = [] if result.cameras is not None else [CAMERAS_FILE]
-    files += [] if has_jitter else [JITTER_FILE]
-    files += [file for name, file in COMPLETE_FILES.items() if name not in result.tables]
-    return [path for file in files if os.path.exists(path := os.path.join(output_dir, file))]
+    is_written = {CAMERAS_FILE: result.cameras is not None, JITTER_FILE: has_jitter}
+    is_written |= {file: name in result.tables for name, file in COMPLETE_FILES.items()}
+    paths = [os.path.join(output_dir, file) for file, written in is_written.items() if not written]
+    return list(filter(os.path.exists, paths))
 
 
 def _write_new_files(
+    folder: Path,
     pairs: Pairs,
-    targets: Mapping[str, str],
+    names: Mapping[str, str],
     how: str,
     curves: dict[str, JitterCurve],
     items: Mapping[str, str],
     context: Context,
 ) -> None:
-    """Write refined RPCs to new files by image id; curves of images that are resampled are removed from ``curves``."""
+    """Write refined RPCs to new files, with ``names`` by image id; ``curves`` of resampled images are removed."""
     for part, (image, new) in _tell_writing(pairs, context):
-        _, write = NEW_FILES[how if image.has_file else WITHOUT_PIXELS]
-        write(image.path, targets[image.id], new.rpc, _lineage_of(image, items), part)
+        (_, write), target = NEW_FILES[how if image.has_file else WITHOUT_PIXELS], str(folder / names[image.id])
+        write(image.path, target, new.rpc, _lineage_of(image, items), part)
         if how == RESAMPLED and image.id in curves and image.has_file:
-            rewrite_without_jitter(image.path, targets[image.id], curves.pop(image.id), part)
+            rewrite_without_jitter(image.path, target, curves.pop(image.id), part)
 
 
 def _write_curves_in_place(
@@ -264,11 +261,17 @@ def _name_outputs(
         if how == IN_PLACE and image.raster is not None and image.path:
             output = image.path
         report["images"][image.id] = {"path": image.path, "output": output, **report["images"][image.id]}
-    files = {"report": REPORT_FILE, "layers": LAYERS_FILE, "block": RECORD_FILE}
-    files |= {"html": PAGE_FILE} if options.report else {}
-    if together:
-        files["cameras"] = CAMERAS_FILE
-    report["outputs"] = {what: os.path.join(folder, name) for what, name in files.items()}
+    report["outputs"] = {
+        what: os.path.join(folder, name)
+        for what, name, is_made in (
+            ("report", REPORT_FILE, True),
+            ("layers", LAYERS_FILE, True),
+            ("block", RECORD_FILE, True),
+            ("html", PAGE_FILE, options.report),
+            ("cameras", CAMERAS_FILE, together),
+        )
+        if is_made
+    }
 
 
 def _write_items(

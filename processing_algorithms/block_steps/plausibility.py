@@ -29,8 +29,7 @@ def input_reasons(
     """
     found = check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
     doubts = {image.id: placement_doubt(image) for image in block.images if image.path}
-    found += list_placement_reasons({name: doubt for name, doubt in doubts.items() if doubt is not None})
-    return found
+    return found + list_placement_reasons({name: doubt for name, doubt in doubts.items() if doubt is not None})
 
 
 @contextmanager
@@ -39,10 +38,9 @@ def explain_failures(reasons: Sequence[Reason]) -> Iterator[None]:
     try:
         yield
     except (SolveError, InputError) as error:
-        worst = next(iter(reasons), None)
-        if worst is None:
+        if not reasons:
             raise
-        raise InputError(f"{worst.message}: {worst.advice} ({worst.code}; {error})") from error
+        raise InputError(f"{reasons[0].message}: {reasons[0].advice} ({reasons[0].code}; {error})") from error
 
 
 @thresholds

@@ -13,13 +13,12 @@ COLUMN_WIDTHS = {"east_m": 10, "north_m": 10, "height_m": 10, "sample_px": 11, "
 
 def summarise(report: Report) -> str:
     """Return the lines on convergence, control and check points, warnings and verdict."""
-    redundancy, explained = report["redundancy"], list[str]()
-    if redundancy != round(redundancy):
-        explained.append(f"redundancy {redundancy:.1f} (parameters with a priori sigmas count in part)")
+    redundancy = report["redundancy"]
+    explained = f"redundancy {redundancy:.1f} (parameters with a priori sigmas count in part)"
     lines = [
         f"model {report['model']}, sigma0 {report['sigma0']:.3f}, {report['status']} after {report['iterations']} "
         f"iterations, {report['observations']} observations, {report['unknowns']} unknowns",
-        *explained,
+        *([explained] if redundancy != round(redundancy) else []),
         "",
         f"{'points':<16}{'number':>7}"
         + "".join(f"{axis.replace('_', ' '):>{width}}" for axis, width in COLUMN_WIDTHS.items()),
@@ -90,14 +89,15 @@ def format_digits(value: float | None) -> str:
 
 def choice_warnings(choice: ModelChoice | None) -> list[str]:
     """Return the warnings on a choice of model, and the GCPs that were excluded from it."""
-    if choice is None:
-        return []
-    suspects = [
-        f"{suspect.image}: GCP {suspect.id} contradicts the others by {suspect.deviation_px:.1f} px; the model was "
-        "chosen without it"
-        for suspect in choice.suspects
+    suspects = () if choice is None else choice.suspects
+    return [
+        *(() if choice is None else choice.warnings),
+        *(
+            f"{suspect.image}: GCP {suspect.id} contradicts the others by {suspect.deviation_px:.1f} px; the model was "
+            "chosen without it"
+            for suspect in suspects
+        ),
     ]
-    return [*choice.warnings, *suspects]
 
 
 def choice_entries(rule: str, choice: ModelChoice | None) -> dict[str, Any]:

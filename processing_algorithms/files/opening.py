@@ -7,6 +7,7 @@ import math
 import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,9 +67,8 @@ def require_ids(paths: Sequence[str], ids: Sequence[str]) -> None:
 
 def is_on_image(image: Image, xy: np.ndarray) -> np.ndarray:
     """Return the mask of image points ``(n, 2)`` on the image's pixels, or in the validity domain of an RPC file."""
-    first_sample, last_sample, first_line, last_line = image.domain_px
-    low, high = np.array([first_sample, first_line]) - 0.5, np.array([last_sample, last_line]) + 0.5
-    return np.asarray(((xy >= low) & (xy <= high)).all(axis=1))
+    low, high = np.reshape(image.domain_px, (2, 2)).T  # of sample and line
+    return np.asarray(((xy >= low - 0.5) & (xy <= high + 0.5)).all(axis=1))
 
 
 class ImagePixels(NamedTuple):
@@ -134,9 +134,8 @@ def open_control_surface(
     """
     if not file.surface:
         return None
-    datum = file.surface_datum or points.height_datum
+    datum, middle = file.surface_datum or points.height_datum, np.array([near.long_off, near.lat_off, near.height_off])
     surface = open_surface(str(file.surface), datum, points.ground_crs, points.gcp_epoch, kind)
-    middle = np.array([near.long_off, near.lat_off, near.height_off])
     return surface, file.sigma_surface or dem_sigma_m(cell_size_m(surface, middle))
 
 
@@ -172,11 +171,7 @@ def parse_lines(lines: Iterable[str], names: Sequence[str]) -> tuple[np.ndarray,
         words = line.replace(",", " ").split()
         if not words:
             continue
-        values: list[float] = []
-        for word in words[: len(names)]:
-            if (value := parse_finite(word)) is None:
-                break
-            values.append(value)
+        values = list(takewhile(lambda value: value is not None, map(parse_finite, words[: len(names)])))
         if len(values) < len(names) - 1:
             raise InputError(f"line {count}: {line.strip()[:60]!r} does not begin with {' '.join(names)}: correct it")
         rest.append(" ".join(words[len(values) :]))

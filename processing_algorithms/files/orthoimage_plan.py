@@ -85,9 +85,9 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
         raise InputError(f"`height` and `{other}` both define the height of the ground: give one of them")
     points = None if options.terrain_points is None else _open_terrain_points(options.terrain_points, options)
     surface = open_terrain(options.terrain)
+    if surface is None and points is not None:
+        return Terrain(*points)
     if surface is None:
-        if points is not None:
-            return points[1]
         raise InputError(
             "orthoimages need the height of the ground: give `dem` FILE, `terrain_points` FILE (ground_points of a "
             "triangulation) or, for flat land, `height` M"
@@ -102,12 +102,12 @@ def open_ortho_terrain(options: OrthorectifyOptions) -> Terrain:
     if points is None:
         return Terrain(surface, identity, warnings)
     warnings.append("where the DEM has no height, the terrain was interpolated between points")
-    base, terrain = points
-    return Terrain(surface.fill_from(base), [*identity, *terrain.identity], warnings)
+    base, identity_of_points, _ = points
+    return Terrain(surface.fill_from(base), [*identity, *identity_of_points], warnings)
 
 
-def _open_terrain_points(spec: str, options: OrthorectifyOptions) -> tuple[GridSurface, Terrain]:
-    """Return the surface between the ground points of a file, and the terrain that it is."""
+def _open_terrain_points(spec: str, options: OrthorectifyOptions) -> tuple[GridSurface, list[Any], list[str]]:
+    """Return the fields of the `Terrain` between the ground points of a file; raise `InputError` if it has none."""
     from ...hrsi_engine.ortho.point_surface import surface_of_points  # needs SciPy
 
     datum = options.terrain.height_datum
@@ -118,7 +118,7 @@ def _open_terrain_points(spec: str, options: OrthorectifyOptions) -> tuple[GridS
     warnings = ["the terrain was interpolated between points: objects between them have no separate height"]
     if left_out:
         warnings.append(f"{spec}: {left_out} points are far above or below their neighbours and were not used")
-    return of_points, Terrain(of_points, [*orthoimages.file_state(split_spec(spec)[0]), spec, datum], warnings)
+    return of_points, [*orthoimages.file_state(split_spec(spec)[0]), spec, datum], warnings
 
 
 def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyOptions) -> BlockPlan:

@@ -19,6 +19,7 @@ from osgeo import gdal, gdal_array
 from ...block.block import Image
 from ...camera.rpc import RPC
 from ...foundation.errors import InputError, OutputError
+from ...foundation.pixel_filters import STRETCH
 from ...foundation.thresholds import EQUALITY, threshold, thresholds
 from ..opening.datasets import config_option, gdal_messages
 from ..opening.files import open_raster, read_pixels
@@ -281,7 +282,6 @@ def _warp_options(source: OrthoSource, warp: Warp, is_complete: bool) -> gdal.GD
 
 
 SIDE_PX = 1200  # longer side before warping
-STRETCH_PERCENT = (2.0, 98.0)  # of the grey values: black and white
 
 
 def write_quick_look(image: Image, rpc: RPC, height_m: float, path: str) -> None:
@@ -298,7 +298,7 @@ def write_quick_look(image: Image, rpc: RPC, height_m: float, path: str) -> None
         grey = small.ReadAsArray().astype(np.float64)
         nodata = small.GetRasterBand(1).GetNoDataValue()
         valid_values = grey[np.isfinite(grey) & (grey != (0.0 if nodata is None else nodata))]
-        black, white = np.percentile(valid_values, STRETCH_PERCENT) if valid_values.size else (0.0, 1.0)
+        black, white = np.percentile(valid_values, STRETCH.view_percent) if valid_values.size else (0.0, 1.0)
         stretched = np.clip(np.nan_to_num((grey - black) / max(white - black, 1e-9)), 0.0, 1.0)
         bytes_ = gdal.GetDriverByName("MEM").Create("", columns, rows, 1, gdal.GDT_Byte)
         bytes_.GetRasterBand(1).WriteArray((1.0 + 254.0 * stretched).astype(np.uint8))
