@@ -78,7 +78,7 @@ def run(options: RunOptions, context: Context) -> Report:
             _do_step(step, project, images, results=results, report=report, options=options, context=part)
             write_report_json(os.path.join(folder, REPORT_FILE), report)  # a killed run continues from here
         report["verdict"], report["seconds"] = judge_plan(report["steps"]), {"total": time.monotonic() - begun}
-        if failed := dict(failures(report["steps"])):
+        if failed := failures(report["steps"]):
             report["unsolved"], report["exit_code"] = report["verdict"]["sentence"], max(failed.values())
         report["outputs"] = {"report": os.path.join(folder, REPORT_FILE)}
         if options.report:
@@ -126,10 +126,8 @@ def _do_step(
     try:
         given, lacking = _chain_inputs(step, project, images, results, report["folder"])
         if lacking:
-            failed = bool(options.steps) or dict(failures(entries))
-            entries[step] = (
-                {"status": FAILED, "told": lacking, "exit_code": 2} if failed else {"status": LEFT_OUT, "told": lacking}
-            )
+            failed = {"status": FAILED, "told": lacking, "exit_code": 2}
+            entries[step] = failed if options.steps or failures(entries) else {"status": LEFT_OUT, "told": lacking}
             return
         found = {**project.options_of(step, algorithm), **given, "output_dir": folder}
         values = check_options(REGISTRY[algorithm], found)
@@ -171,13 +169,13 @@ def _digest_step(project: Project, algorithm: str, values: Mapping[str, Any], fo
             text = text.replace(place, name)
         return text
 
-    plain = {key: _absolute(value) for key, value in values.items() if key not in ("threads", "output_dir")}
+    kept = {key: _absolute(value) for key, value in values.items() if key not in ("threads", "output_dir")}
     contents = [
         f"{relocate(os.path.abspath(one['path']))} {one['sha256'] or one['sampled_sha256']}"
         for one in input_entries(REGISTRY[algorithm].files_by_option(values))
         if os.path.basename(one["path"]) not in (REPORT_FILE, PAGE_FILE)
     ]
-    options = sorted(f"{key} {relocate(str(value))}" for key, value in plain.items())
+    options = sorted(f"{key} {relocate(str(value))}" for key, value in kept.items())
     return digest(VERSION, algorithm, options, sorted(contents))
 
 

@@ -126,6 +126,5 @@ class AdjustmentView(CurrentView):
 
 def list_keys(block: Block) -> list[Key]:
     """Return point and image ids of each measurement."""
-    rows, images = block.measurements, [image.id for image in block.images]
-    names = block.points.ids[rows.point].tolist()
-    return list(zip(names, [images[index] for index in rows.image.tolist()], strict=True))
+    rows, image_ids = block.measurements, np.array([image.id for image in block.images], dtype=object)
+    return list(zip(block.points.ids[rows.point].tolist(), image_ids[rows.image].tolist(), strict=True))

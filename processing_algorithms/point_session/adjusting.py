@@ -32,10 +32,9 @@ from .session import PointSession
 
 def block_of(session: PointSession) -> Block:
     """Return the session as a block, independent of later edits. Raises `InputError` if nothing is measured."""
-    measured = image_points(session)
-    if not len(measured) and session.ties is None:
+    tables = [image_points(session), *([] if session.ties is None else [session.ties])]
+    if not len(tables[0]) and session.ties is None:
         raise InputError("no point is measured on any image: measure one first")
-    tables = [measured] if session.ties is None else [measured, session.ties]
     return assemble(list(session.images.values()), [ground_points(session)], tables)
 
 
@@ -119,11 +118,11 @@ def follow(session: PointSession) -> CurrentView:
         )
         keys_now = list_keys(now)
         others = ~np.isin(watched.block.points.ids, list(edited))[watched.block.measurements.point]
-        still = np.where(others[:, None], left, np.nan)
-        statistics = dict(zip(watched.keys, compute_statistic(still, watched.sigma_px).tolist(), strict=True))
+        lengths = compute_statistic(np.where(others[:, None], left, np.nan), watched.sigma_px)
+        statistics = dict(zip(watched.keys, lengths.tolist(), strict=True))
         statistics |= dict(zip(keys_now, compute_statistic(left_now, sigma_now).tolist(), strict=True))
-        outlying = is_outlier(np.array(list(statistics.values()))).tolist()
-        suspicions = {key: describe_outlier(key[1], statistics[key]) for key in compress(statistics, outlying)}
+        outlying = compress(statistics, is_outlier(np.array(list(statistics.values()))))
+        suspicions = {key: describe_outlier(key[1], statistics[key]) for key in outlying}
         residual_m = dict(_ground_residuals(watched.block, model, new.values, new.ground))
         residual_m |= dict(_ground_residuals(now, model, new.values, new.edited_ground))
     return CurrentView(

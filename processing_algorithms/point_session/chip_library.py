@@ -2,7 +2,6 @@
 
 import base64
 import os
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -42,18 +41,10 @@ class ChipLibrary:
 
     def point(self, row: int) -> SurveyPoint:
         """Return the GCP of a chip."""
-        lon, lat, height, sigma_xy, sigma_h = self._numbers(row, ("lon", "lat", "height", "sigma_xy", "sigma_h"))
+        names = ("lon", "lat", "height", "sigma_xy", "sigma_h")
+        lon, lat, height, sigma_xy, sigma_h = (float(self.rows[name][row]) for name in names)
         operation = str(self.rows.operation[row])
-        return SurveyPoint(
-            str(self.rows.id[row]),
-            lon,
-            lat,
-            height=height,
-            role=ROLES[0],
-            sigma_xy=sigma_xy,
-            sigma_h=sigma_h,
-            operation=operation,
-        )
+        return SurveyPoint(str(self.rows.id[row]), lon, lat, height, ROLES[0], sigma_xy, sigma_h, operation)
 
     def find_rows(self, point: SurveyPoint) -> np.ndarray:
         """Return the rows of a point's chips ``(k,)``: chips of its id near it, and chips of any id at its position."""
@@ -70,12 +61,9 @@ class ChipLibrary:
 
     def read_position(self, row: int) -> np.ndarray:
         """Return the position of the point in a chip: sample, line ``(2,)``."""
-        return np.array(self._numbers(row, ("sample", "line")))
+        return np.array([self.rows.sample[row], self.rows.line[row]], dtype=np.float64)
 
     def read_geometry(self, row: int) -> np.ndarray:
         """Return the metres east and north (rows) per sample and line (columns) of a chip, ``(2, 2)``."""
         names = ("east_by_sample_m", "east_by_line_m", "north_by_sample_m", "north_by_line_m")
-        return np.array(self._numbers(row, names)).reshape(2, 2)
-
-    def _numbers(self, row: int, names: Sequence[str]) -> list[float]:
-        return [float(self.rows[name][row]) for name in names]
+        return np.array([self.rows[name][row] for name in names], dtype=np.float64).reshape(2, 2)

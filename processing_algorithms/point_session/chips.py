@@ -48,22 +48,21 @@ def project_with_slopes(session: PointSession, image_id: str, ground: np.ndarray
 
 def differentiate_by_metres(session: PointSession, image_id: str, point: SurveyPoint) -> np.ndarray:
     """Return the derivatives of sample and line (rows) by metres east and north (columns) at a point, ``(2, 2)``."""
-    slopes = project_with_slopes(session, image_id, np.array([[point.lon, point.lat, point.height]]))[1]
-    return np.asarray(slopes[0])
+    return np.asarray(project_with_slopes(session, image_id, np.array([[point.lon, point.lat, point.height]]))[1][0])
 
 
 def find_by_chips(session: PointSession, name: str, images: Sequence[str]) -> dict[str, Transfer]:
     """Measure a point in images by matching its chips in the library; return an empty dict if there are none."""
     library, point = session.library, session.points[name]
-    rows = [] if library is None else library.find_rows(point).tolist()
-    if library is None or not rows:
+    if library is None or not len(rows := library.find_rows(point)):
         return {}
-    return {image_id: _find_on_image(session, library, rows, point, image_id) for image_id in images}
+    return {image_id: _find_on_image(session, library, rows.tolist(), point, image_id) for image_id in images}
 
 
 def _find_on_image(
     session: PointSession, library: ChipLibrary, rows: Sequence[int], point: SurveyPoint, image_id: str
 ) -> Transfer:
+    """Match the most similar chips, ``rows`` of the library, in an image; refused if they are found apart."""
     raster = session.images[image_id].raster
     if raster is None:
         return Transfer(refusal="no pixels")
@@ -84,9 +83,8 @@ def _find_on_image(
         for row in alike[: CHIPS.most]
     ]
     best, *others = sorted(found, key=lambda one: (bool(one.refusal), -one.correlation))
-    if any(np.hypot(*np.subtract(one.xy, best.xy)) > SURVEY.same_target_px for one in others if not one.refusal):
-        return Transfer(refusal="its chips are found at different places")
-    return best
+    differ = any(np.hypot(*np.subtract(one.xy, best.xy)) > SURVEY.same_target_px for one in others if not one.refusal)
+    return Transfer(refusal="its chips are found at different places") if differ else best
 
 
 def list_library_points(session: PointSession) -> list[SurveyPoint]:
@@ -95,9 +93,8 @@ def list_library_points(session: PointSession) -> list[SurveyPoint]:
     if library is None:
         return []
     listed = {row for point in session.points.values() for row in library.find_rows(point).tolist()}
-    for row in range(len(library)):
-        point = library.point(row)
-        if row not in listed and point.id not in session.points and session.is_seen(point):
+    for point in (library.point(row) for row in range(len(library)) if row not in listed):
+        if point.id not in session.points and session.is_seen(point):
             found.setdefault(point.id, point)
     return list(found.values())
 
@@ -116,17 +113,16 @@ def save_chips(session: PointSession) -> int:
     known, made, dates = dict(zip(keys, places, strict=True)), list[dict[str, Any]](), dict[str, str]()
     try:
         for key, measured in session.measured.items():
-            is_known = known.get(key) == (measured.sample, measured.line)
-            if session.points[key[0]].role in ROLES[:2] and not is_known and not session.judge(key)[2]:
-                made += _cut_chip(session, session.points[key[0]], key[1], dates)
+            point, is_known = session.points[key[0]], known.get(key) == (measured.sample, measured.line)
+            if point.role in ROLES[:2] and not is_known and not session.judge(key)[2]:
+                made += _cut_chip(session, point, key[1], dates)
     finally:
         close_images()
     if made:
         new, replaced = ChipRows.of_entries(made), {(row["id"], row["image"]) for row in made}
         kept = np.array([key not in replaced for key in keys], dtype=bool)
-        columns = {name: np.concatenate([np.asarray(old[name])[kept], new[name]]) for name in new}
-        library.rows = ChipRows(**columns)
-        place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
+        library.rows = ChipRows(**{name: np.concatenate([np.asarray(old[name])[kept], new[name]]) for name in new})
+        place = np.column_stack([library.rows[name] for name in ("lon", "lat", "height")])
         replace_layers(library.path, [Layer(ChipRows.layer, "PointZ", WGS84, place, library.rows)])
     return len(made)
 
@@ -148,7 +144,7 @@ def _cut_chip(session: PointSession, point: SurveyPoint, image_id: str, dates: d
     if image_id not in dates:
         time = read_time(image.path)
         dates[image_id] = "" if time is None else f"{time:%Y-%m-%d}"
-    ground = np.linalg.inv(differentiate_by_metres(session, image_id, point))
+    ground = np.linalg.inv(differentiate_by_metres(session, image_id, point))  # metres by sample and line
     return [{
         "id": point.id, "image": image_id, "sensor": image.sensor, "acquired": dates[image_id],
         "kind": measured.kind, "sigma_px": measured.sigma, "image_sample": measured.sample,
@@ -180,19 +176,21 @@ def list_photos(point: SurveyPoint) -> list[str]:
     names = [name for name in sorted(os.listdir(point.photo)) if name.lower().endswith(PHOTO_ENDINGS)]
     stems = {name: os.path.splitext(name)[0].casefold() for name in names}
     own = point.id.casefold()
-    fitting = [
-        name for name in names if stems[name] == own or stems[name].startswith((f"{own}_", f"{own}-", f"{own} "))
+    return [
+        os.path.join(point.photo, name)
+        for name, stem in stems.items()
+        if stem == own or stem.startswith((f"{own}_", f"{own}-", f"{own} "))
     ]
-    return [os.path.join(point.photo, name) for name in fitting]
 
 
 def list_pictures(
     session: PointSession, name: str, known: Mapping[Hashable, PointPicture]
 ) -> dict[Hashable, PointPicture]:
     """Return the pictures of a point by key; pictures that are ``known`` are not made again."""
-    point, made = session.points[name], dict[Hashable, PointPicture]()
-    for path in list_photos(point):
-        made[path] = PointPicture(os.path.basename(path), path)
+    point, library = session.points[name], session.library
+    made: dict[Hashable, PointPicture] = {
+        path: PointPicture(os.path.basename(path), path) for path in list_photos(point)
+    }
     try:
         for (other, image_id), measured in session.measured.items():
             raster, xy = session.images[image_id].raster, (measured.sample, measured.line)
@@ -201,7 +199,6 @@ def list_pictures(
                 made[place] = known.get(place) or PointPicture(image_id, svg=_draw_chip(raster, np.array(xy)))
     finally:
         close_images()
-    library = session.library
     for row in [] if library is None else library.find_rows(point).tolist():
         if library is not None and (name, library.rows.image[row]) not in session.measured:
             key = library.path, row, len(library)

@@ -35,7 +35,6 @@ def ground_points(session: PointSession, names: Collection[str] | None = None) -
     points = [point for point in session.points.values() if names is None or point.id in names]
     operations = list(dict.fromkeys(point.operation for point in points if point.operation))
     number = np.array([operations.index(one.operation) if one.operation else -1 for one in points], dtype=np.int16)
-    uses = [read_entry(json.loads(one), int((number == k).sum())) for k, one in enumerate(operations)]
     table = GroundPoints(
         [point.id for point in points],
         np.array([[point.lon, point.lat, point.height] for point in points]).reshape(-1, 3),
@@ -43,6 +42,7 @@ def ground_points(session: PointSession, names: Collection[str] | None = None) -
         np.array([[point.sigma_xy, point.sigma_h] for point in points]).reshape(-1, 2),
         "the list of points",
     )
+    uses = (read_entry(json.loads(one), int((number == k).sum())) for k, one in enumerate(operations))
     return replace(table, operation=number, operations=tuple(uses))
 
 
@@ -63,8 +63,8 @@ def image_points(session: PointSession, names: Collection[str] | None = None) ->
 def images_layer(session: PointSession) -> Layer:
     """Return the layer of the images' footprints at the mean height of the points."""
     images = list(session.images.values())
-    heights = [point.height for point in session.points.values()]
-    height = float(np.mean(heights)) if heights else float(np.mean([image.middle_height_m for image in images]))
+    heights = [point.height for point in session.points.values()] or [image.middle_height_m for image in images]
+    height = float(np.mean(heights))
     columns = ImageRows(
         id=np.array([image.id for image in images], dtype=str),
         path=np.array([image.path for image in images], dtype=str),
@@ -109,9 +109,10 @@ def point_layers(session: PointSession) -> list[Layer]:
         residual_sample_px=nothing, residual_line_px=nothing, sigma_sample_px=nothing, sigma_line_px=nothing,
         weight=nothing, flag=np.full(len(ids), ""),
     )  # fmt: skip
-    image_points_layer = Layer("image_points", "PointZ", WGS84, place, columns)
-    operations = name_point_operations(known)
-    return [Layer("ground_points", "PointZ", WGS84, known.ground, ground, operations), image_points_layer]
+    return [
+        Layer("ground_points", "PointZ", WGS84, known.ground, ground, name_point_operations(known)),
+        Layer("image_points", "PointZ", WGS84, place, columns),
+    ]
 
 
 _ROLES = {Role.CHECK: "check", Role.OFF: "off", Role.TIE: TIE, Role.HELD_OUT: TIE}
@@ -129,16 +130,14 @@ def open_block(path: str) -> PointSession:
     if missing:
         raise InputError(f"{path}: has no layer {missing[0]!r}: open the block.gpkg of a result, or begin a new one")
     # The files of the images: as named, or in the folder of the GeoPackage
-    folder = os.path.dirname(os.path.abspath(path))
-    found = []
+    folder, found = os.path.dirname(os.path.abspath(path)), []
     for file in text_columns(path, "images", ("path",))["path"]:
         candidates = (file, os.path.join(folder, file), os.path.join(folder, os.path.basename(file)))
-        existing = next((name for name in candidates if name and os.path.exists(name)), None)
-        if existing is None:
+        if not (existing := [name for name in candidates if name and os.path.exists(name)]):
             raise InputError(
                 f"{path}: its image {file!r} is missing: restore it, or copy it into the folder of the GeoPackage"
             )
-        found.append(existing)
+        found.append(existing[0])
     images = _open_images(found)
     ids = [image.id for image in images]
     ground = read_points(f"{path}|layername=ground_points", image_ids=ids).ground if names["ground_points"] else None
@@ -157,14 +156,12 @@ def open_block(path: str) -> PointSession:
 
 def _read_tie_list(path: str) -> set[str]:
     """Return the tie points that the user placed: only these have their own position next to the adjusted one."""
-    if not layer_names(path)["ground_points"]:
-        return set()
-    try:
-        columns = text_columns(path, "ground_points", ("id", "role", "survey_lon"))
-    except InputError:  # of another program, without these columns
-        return set()
-    rows = zip(columns["id"], columns["role"], columns["survey_lon"], strict=True)
-    return {name for name, role, placed in rows if role == TIE and placed}
+    with suppress(InputError):  # of another program, without these columns
+        if layer_names(path)["ground_points"]:
+            columns = text_columns(path, "ground_points", ("id", "role", "survey_lon"))
+            rows = zip(columns["id"], columns["role"], columns["survey_lon"], strict=True)
+            return {name for name, role, placed in rows if role == TIE and placed}
+    return set()
 
 
 def new_session(
@@ -182,9 +179,8 @@ def new_session(
         for source in (gcps, image_points)
         if source
     ]
-    ground = tables[0].ground if gcps and tables else None
     measured = [table.image for table in tables if table.image is not None]
-    session = _make_session(opened, ground, measured[-1] if measured else None, "")
+    session = _make_session(opened, tables[0].ground if gcps else None, measured[-1] if measured else None, "")
     if gcps and session.points:
         find_photos(session, gcps)
     session.sources = {
@@ -202,13 +198,13 @@ def find_photos(session: PointSession, source: str) -> None:
 
     Without such a field they are in the folder ``photos`` next to the file, if it exists.
     """
-    table = read_table(source)
-    ids = table.columns["id"].tolist()
-    named = table.columns.get("photo", np.full(len(ids), "")).tolist()
-    _enter_photos(session, os.path.dirname(os.path.abspath(split_spec(source)[0])), dict(zip(ids, named, strict=True)))
+    columns, folder = read_table(source).columns, os.path.dirname(os.path.abspath(split_spec(source)[0]))
+    photos = columns.get("photo", np.full(len(columns["id"]), ""))
+    _enter_photos(session, folder, dict(zip(columns["id"].tolist(), photos.tolist(), strict=True)))
 
 
 def _enter_photos(session: PointSession, folder: str, named: Mapping[str, str]) -> None:
+    """Enter the photographs or folders of photographs that exist, ``named`` by point id relative to a folder."""
     for name, point in session.points.items():
         path = os.path.normpath(os.path.join(folder, named.get(name) or "photos"))
         if name in named and os.path.exists(path):
@@ -243,8 +239,7 @@ def save(session: PointSession, path: str = "") -> None:
                 columns["survey_height"][row] = point.height
         layers["ground_points"] = replace(ground, fields=GroundPointRows(**{**ground.fields, **columns}))
         # … and add points that were not used: those with the role off, or in no image
-        for name in ("ground_points", "image_points"):
-            layers[name] = _with_others(layers[name], plain[name])
+        layers |= {name: _with_others(layers[name], plain[name]) for name in ("ground_points", "image_points")}
     if any(point.photo for point in session.points.values()):
         layer = layers["ground_points"]
         photos = [session.points[name].photo if name in session.points else "" for name in layer.fields["id"].tolist()]

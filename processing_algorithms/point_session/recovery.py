@@ -132,10 +132,8 @@ def find_journals(root: str | Path) -> list[JournalSession]:
                     else:
                         measured[(name, image)] = ImageMeasurement(**_drop_nulls(values))
             first, time_s = entries[0], (folder / FILE).stat().st_mtime
-            path, images, sources = first["path"], tuple(first["images"]), first["sources"]
-            sessions.append(
-                JournalSession(folder, path, images, sources=sources, points=points, measured=measured, time_s=time_s)
-            )
+            images, sources = tuple(first["images"]), first["sources"]
+            sessions.append(JournalSession(folder, first["path"], images, sources, points, measured, time_s))
     return sessions
 
 

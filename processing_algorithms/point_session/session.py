@@ -57,13 +57,12 @@ class PointSession:
         measured: Mapping[Key, ImageMeasurement] | None = None,
         ties: ImagePoints | None = None,
         path: str = "",
-        model: str = "",
     ) -> None:
         self.images: dict[str, Image] = {image.id: image for image in images}
         self.points: dict[str, SurveyPoint] = {point.id: point for point in points}
         self.measured: dict[Key, ImageMeasurement] = dict(measured or {})
         self.ties = ties
-        self.path, self.model = path, model
+        self.path, self.model = path, ""
         self.sources: dict[str, Any] = {}
         self.library: ChipLibrary | None = None  # of GCPs that were measured in other blocks
         self.on_change: Callable[[Change], None] = lambda change: None
@@ -182,7 +181,7 @@ class PointSession:
         Only for images without an adjusted GCP: check points do not change the camera.
         """
         surveyed: dict[str, list[float]] = {}  # five numbers for each point, flat: the fastest way into an array
-        followed = set[str]()
+        followed = set[str]()  # images with an adjusted GCP
         for (name, image_id), measured in self.measured.items():
             point = self.points[name]
             if point.role in ROLES[:2]:
@@ -209,9 +208,8 @@ class PointSession:
 
     def estimate_margin_px(self, image_id: str) -> float:
         """Return the expected largest error (px) of predicted positions in an image."""
-        if not self.is_located(image_id):
-            return PANEL.vendor_px
-        return PANEL.adjusted_px if self.shown is not None else PANEL.shifted_px
+        located_px = PANEL.shifted_px if self.shown is None else PANEL.adjusted_px
+        return located_px if self.is_located(image_id) else PANEL.vendor_px
 
     def is_seen(self, point: SurveyPoint) -> bool:
         """Whether a point, in the list or not, is inside any image."""
@@ -261,9 +259,8 @@ class PointSession:
 
     def add_points(self, points: Sequence[SurveyPoint]) -> None:
         """Add known points; raise `InputError` if an id exists already."""
-        for point in points:
-            if point.id in self.points:
-                raise InputError(f"ground point {point.id} is in the list already: rename one of them")
+        if taken := [point.id for point in points if point.id in self.points]:
+            raise InputError(f"ground point {taken[0]} is in the list already: rename one of them")
         many = f"{len(points)} points" if len(points) != 1 else points[0].id
         self._edit(f"add {many}", points=self.points | {point.id: point for point in points})
 

@@ -10,7 +10,7 @@ from ...hrsi_engine.drawing.target_chips import draw_target_chip
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.io.rasters.images import close_images
 from ...hrsi_engine.measurement.interest_points.gravity_centres import CENTRE
-from ...hrsi_engine.measurement.targets.measuring import TARGET_CENTER, TargetMeasurement, make_refusal, measure_target
+from ...hrsi_engine.measurement.targets.measuring import TARGET_CENTER, make_refusal, measure_target
 from ...hrsi_engine.plausibility.places import SURVEY
 from ..files.target_chip import chip_of
 from .rows import ImageMeasurement
@@ -41,8 +41,10 @@ def fit_target(image: Image, click: tuple[float, float], kind: str, is_seen: boo
     xy = np.array(click, dtype=np.float64)
     try:
         made = None if kind == BY_HAND or image.raster is None else measure_target(image.raster, xy, kind)
-        if made is not None and kind == TARGET_CENTER and not made.refusal and not _is_clear(made, xy):
-            made = make_refusal(kind, "no clear closed object lies there")
+        if made is not None and kind == TARGET_CENTER and not made.refusal:
+            reach_px = np.hypot(*(made.edges - made.xy).T).max() + SURVEY.same_target_px
+            if made.quality < CENTRE.strong_quality or np.hypot(*(made.xy - xy)) > reach_px:
+                made = make_refusal(kind, "no clear closed object lies there")
         on_image = image.size is None or ((xy > -0.5) & (xy < np.array(image.size) - 0.5)).all()
         if made is not None and kind == TARGET_CENTER and made.refusal and is_seen and on_image:
             made, kind = None, BY_HAND
@@ -57,8 +59,3 @@ def fit_target(image: Image, click: tuple[float, float], kind: str, is_seen: boo
         return Fit(measured, made.refusal, draw_target_chip(chip_of(made, xy, image.raster)))
     finally:
         close_images()  # open files cannot be replaced on all systems
-
-
-def _is_clear(made: TargetMeasurement, click: np.ndarray) -> bool:
-    reach_px = np.hypot(*(made.edges - made.xy).T).max() + SURVEY.same_target_px
-    return made.quality >= CENTRE.strong_quality and bool(np.hypot(*(made.xy - click)) <= reach_px)

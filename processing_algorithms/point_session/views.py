@@ -68,21 +68,20 @@ def trace_heights(session: PointSession, name: str, first_id: str, second_id: st
 
     They are those at its lowest, highest and most probable height.
     """
-    measured, heights = session.measured[(name, first_id)], list_heights(session, name)
+    measured, heights = session.measured[(name, first_id)], np.array(list_heights(session, name))
     xy = np.array([[measured.sample, measured.line]] * len(heights))
-    return session.project(second_id, locate_ground(session, first_id, xy, np.array(heights)))
+    return session.project(second_id, locate_ground(session, first_id, xy, heights))
 
 
 def list_heights(session: PointSession, name: str) -> tuple[float, float, float]:
     """Return the lowest, the highest and the most probable height of a point (m)."""
     point, rays = session.points[name], sum(other == name for other, _ in session.measured)
-    heights, middle = session.ground_heights_m(), session.middle_height_m()
     if point.role != TIE or rays > 1:
         margin = 2.0 * GROUND.margin_m / 3.0
         return point.height - margin, point.height + margin, point.height
-    if len(heights):
-        return float(heights.min()) - GROUND.margin_m, float(heights.max()) + GROUND.margin_m, middle
-    return middle - PANEL.unknown_heights_m, middle + PANEL.unknown_heights_m, middle
+    heights, middle = session.ground_heights_m(), session.middle_height_m()
+    margin = GROUND.margin_m if len(heights) else PANEL.unknown_heights_m
+    return float(heights.min(initial=middle)) - margin, float(heights.max(initial=middle)) + margin, middle
 
 
 def place_on(session: PointSession, image_id: str, lonlat: tuple[float, float], height_m: float) -> tuple[float, float]:
@@ -143,25 +142,22 @@ def find_transfers(session: PointSession, name: str, images: Sequence[str] = ())
     Raises `InputError` if there are no chips either.
     """
     here = [image for (other, image) in session.measured if other == name]
-    wanted = [row.image for row in session.measurements(name) if row.is_inside and row.measured is None]
-    wanted = [image for image in wanted if not images or image in images]
-    found = {}
+    rows = [row for row in session.measurements(name) if row.is_inside and row.measured is None]
+    wanted = [row.image for row in rows if not images or row.image in images]
     try:
         if not here:
             if (found := find_by_chips(session, name, wanted)) or not wanted:
                 return found
             raise InputError(f"{name}: it is not measured on any image yet: click on it in one first")
-        first = session.images[here[0]]
-        if first.raster is None:
-            raise InputError(f"{first.id} has no pixels: there is nothing to match")
-        for image_id in wanted:
-            found[image_id] = _transfer_to_image(session, name, first.id, image_id)
+        if session.images[here[0]].raster is None:
+            raise InputError(f"{here[0]} has no pixels: there is nothing to match")
+        return {image_id: _transfer_to_image(session, name, here[0], image_id) for image_id in wanted}
     finally:
         close_images()  # as in `fit_target`
-    return found
 
 
 def _transfer_to_image(session: PointSession, name: str, first_id: str, second_id: str) -> Transfer:
+    """Match a point from the image in which it is measured to another one, along the line of its possible heights."""
     first, second = session.images[first_id].raster, session.images[second_id].raster
     if first is None or second is None:
         return Transfer(refusal="no pixels")
@@ -177,11 +173,11 @@ def _transfer_to_image(session: PointSession, name: str, first_id: str, second_i
 
 def list_residuals(session: PointSession) -> list[ResidualRow]:
     """Return the measurements that have a residual, sorted by its length in standard deviations, the largest first."""
-    rows = []
-    for key, measured in session.measured.items():
-        left, length, why = session.judge(key)
-        if not math.isnan(left[0]):
-            rows.append(ResidualRow(session.points[key[0]], key[1], measured.kind, left, length, why))
+    rows = [
+        ResidualRow(session.points[name], image_id, measured.kind, *session.judge((name, image_id)))
+        for (name, image_id), measured in session.measured.items()
+    ]
+    rows = [row for row in rows if not math.isnan(row.residual_px[0])]
     return sorted(rows, key=lambda row: -math.inf if math.isnan(row.statistic) else row.statistic, reverse=True)
 
 
@@ -193,8 +189,8 @@ def summarise_roles(session: PointSession) -> list[str]:
         if not rows:
             continue
         across, down = np.sqrt(np.mean(np.square([row.residual_px for row in rows]), axis=0))
-        points = len({row.point.id for row in rows})
-        text = f"{role}: {points} points, {len(rows)} rays, RMSE {across:.2f}, {down:.2f} px"
+        names = {row.point.id for row in rows}
+        text = f"{role}: {len(names)} points, {len(rows)} rays, RMSE {across:.2f}, {down:.2f} px"
         left = [row.residual_m for row in of_points if row.point.role == role and not math.isnan(row.residual_m[0])]
         if left:
             text += ", E {:.2f}, N {:.2f}, H {:.2f} m".format(*np.sqrt(np.mean(np.square(left), axis=0)))

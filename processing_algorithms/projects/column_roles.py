@@ -89,11 +89,8 @@ def list_ground_columns(table: TextTable) -> Iterator[list[str]]:
     for first, second in pairwise(numeric):
         for axes in POSITION_NAMES:
             for height in (*(k for k in (second + 1, first - 1) if k in numeric), None):
-                roles = [UNUSED] * len(table.names)
-                for column, role in ((first, axes[0]), (second, axes[1]), (height, "height"), (name, "id")):
-                    if column is not None:
-                        roles[column] = role
-                yield roles
+                roles = {first: axes[0], second: axes[1], height: "height", name: "id"}
+                yield [roles.get(k, UNUSED) for k in range(len(table.names))]
 
 
 # ---- measurements ---------------------------------------------------------------------------------------------------
@@ -123,9 +120,8 @@ class ImageColumns:
 
     def roles(self, table: TextTable) -> list[str]:
         """Return the names of all columns, for reading these."""
-        roles = [UNUSED] * len(table.names)
-        roles[table.id_column or 0], roles[self.sample], roles[self.line] = "id", "sample", "line"
-        return roles
+        roles = {table.id_column or 0: "id", self.sample: "sample", self.line: "line"}
+        return [roles.get(k, UNUSED) for k in range(len(table.names))]
 
 
 def find_image_columns(
@@ -147,11 +143,11 @@ def find_image_columns(
         return by_name
     ids = np.array(table.columns[name])
     rows = np.flatnonzero([one in known for one in ids])
-    if len(rows) >= SAMPLES.plane:
-        ground = np.array([known[one] for one in ids[rows]])
-        fits = [_assign_columns(table.numbers[rows], ground, layout, images) for layout in layouts]
-        return max(fits, key=lambda one: (len(one), -sum(fit.scatter_px for fit in one)))
-    return by_name
+    if len(rows) < SAMPLES.plane:
+        return by_name
+    ground = np.array([known[one] for one in ids[rows]])
+    fits = [_assign_columns(table.numbers[rows], ground, layout, images) for layout in layouts]
+    return max(fits, key=lambda one: (len(one), -sum(fit.scatter_px for fit in one)))
 
 
 def find_measurement_columns(
@@ -214,13 +210,10 @@ def _rate_pair(
 
 def _place_images(texts: Sequence[str], image_ids: Sequence[str]) -> np.ndarray:
     """Return the place of the image that each text names in a list of ids, -1 for others."""
-    unique = sorted(set(texts))
-    ids = matching_names(NameColumn(np.array(unique), np.arange(len(unique), dtype=np.int32)), image_ids)
-    place = {
-        text: image_ids.index(one) if one in image_ids else -1
-        for text, one in zip(unique, np.asarray(ids).tolist(), strict=True)
-    }
-    return np.array([place[text] for text in texts])
+    unique, row = np.unique(texts, return_inverse=True)
+    ids = matching_names(NameColumn(unique, np.arange(len(unique), dtype=np.int32)), image_ids)
+    places = [image_ids.index(one) if one in image_ids else -1 for one in np.asarray(ids).tolist()]
+    return np.array(places)[row]
 
 
 def _assign_columns(
@@ -263,13 +256,12 @@ def agrees(tables: PointTables, images: Mapping[str, Image]) -> bool:
     place = dict(zip(tables.ground.ids.tolist(), tables.ground.ground, strict=True))
     ground = np.array([place[name] for name in tables.image.ids.tolist()])
     image_of_row = np.asarray(tables.image.image_ids)
-    in_block = set(image_of_row.tolist()) & images.keys()
-    for name in in_block:
-        rows = image_of_row == name
-        fits = _fit_columns(tables.image.xy[rows], ground[rows], [(0, 1)], {name: images[name]})
-        if not any(fit.sample == 0 for fit in fits):
-            return False
-    return bool(in_block)
+    rows_of = {name: image_of_row == name for name in set(image_of_row.tolist()) & images.keys()}
+    fits = (
+        _fit_columns(tables.image.xy[rows], ground[rows], [(0, 1)], {name: images[name]})
+        for name, rows in rows_of.items()
+    )
+    return bool(rows_of) and all(any(fit.sample == 0 for fit in found) for found in fits)
 
 
 def _name_columns(
@@ -295,6 +287,5 @@ def _disagreement_m(numbers: np.ndarray, order: Sequence[ImageColumns], images: 
         ground.append(image.rpc.localize(xy, image.middle_height_m).ground)
         low, high = np.array(image.domain_px[::2]), np.array(image.domain_px[1::2])
         outside += float(np.nanmean((xy < low - 1.0) | (xy > high + 1.0)))
-    differences = [ground_difference_m(second, first)[:, :2] for first, second in pairwise(ground)]
-    scatter = [float(robust_sigma(part[np.isfinite(part)])) for one in differences for part in one.T]
-    return 1e9 * outside + sum(scatter)
+    differences = [part for first, second in pairwise(ground) for part in ground_difference_m(second, first)[:, :2].T]
+    return 1e9 * outside + sum(float(robust_sigma(part[np.isfinite(part)])) for part in differences)

@@ -102,13 +102,10 @@ def read_folder(folder: str) -> FolderContent:
     content.heights = merge_tiles(content.heights, region)
     # the CRSs of DEMs, in which points may be too
     flat = [crs.sub_crs_list[0] if crs.sub_crs_list else crs for one in content.heights if (crs := one.facts.crs)]
-    of_dems = [one.to_string() for one in flat if one.is_projected]
-    crs_names = list(dict.fromkeys([f"EPSG:{map_epsg_of(corners)}", *of_dems]))
-    _add_points(content, [one for one in others if one not in rasters], images, region, crs_names)
+    names = [f"EPSG:{map_epsg_of(corners)}", *(one.to_string() for one in flat if one.is_projected)]
+    _add_points(content, [one for one in others if one not in rasters], images, region, list(dict.fromkeys(names)))
     known = {one.path for one in content.roles} | {one.path.removeprefix("/vsigzip/") for one in content.sources}
-    for path in others:
-        if path not in known:
-            content.roles.append(_describe_other(path, content.images))
+    content.roles += [_describe_other(path, content.images) for path in others if path not in known]
     return content
 
 
@@ -132,8 +129,7 @@ def _find_images(folder: str, files: Sequence[str], results: Sequence[str]) -> l
     try:
         found = resolve_images([folder], lambda text: None)
     except InputError:
-        archives = [one for one in files if one.lower().endswith(ARCHIVE_ENDINGS)]
-        if not archives:
+        if not (archives := [one for one in files if one.lower().endswith(ARCHIVE_ENDINGS)]):
             raise
         found = resolve_images(archives, lambda text: None)
     found = tuple(one for one in found if not one.startswith(tuple(results)))
@@ -168,11 +164,11 @@ def _judge_raster(content: FolderContent, path: str, region: np.ndarray) -> File
     if facts.kind is RasterKind.PICTURE:
         content.references.append(path)
         return FileRole(path, "reference orthoimage", f"{facts.bands} bands, {size}")
-    if facts.kind is RasterKind.HEIGHTS:
-        return FileRole(path, "DEM, not used", "has no heights where the images lie")
-    if facts.kind is RasterKind.UNPLACED:
-        return FileRole(path, "raster, not used", "has no RPC, and no CRS with a place near the images")
-    return FileRole(path, facts.kind.value, "not used")
+    unused = {
+        RasterKind.HEIGHTS: ("DEM, not used", "has no heights where the images lie"),
+        RasterKind.UNPLACED: ("raster, not used", "has no RPC, and no CRS with a place near the images"),
+    }
+    return FileRole(path, *unused.get(facts.kind, (facts.kind.value, "not used")))
 
 
 def _read_rpc(path: str) -> tuple[bool, str]:
@@ -197,8 +193,8 @@ def _add_points(
     rpc_files = dict(_rpc_files(paths))
     for path, fault in rpc_files.items():
         # The image with this RPC, by the file that it was read from or by the product
-        name = os.path.basename(path)
-        product = os.path.join(os.path.dirname(path), name.replace("RPC_", "DIM_", 1))
+        folder, name = os.path.split(path)
+        product = os.path.join(folder, name.replace("RPC_", "DIM_", 1))
         owners = (one.path for one in content.roles if name in one.reason or one.path == product != path)
         owner = os.path.basename(next(owners, ""))
         belongs = f"of {owner}" if owner else "not used: its image is not here, or has another RPC"
@@ -209,12 +205,9 @@ def _add_points(
             content.clouds.append(path)
             content.roles.append(FileRole(path, "lidar point cloud"))
         elif path.lower().endswith(LASER_ENDINGS) or (path.lower().endswith(POINT_ENDINGS) and _has_laser_fields(path)):
-            try:
-                count = len(read_laser(path))
-            except HrsiError:
-                continue
-            content.laser.append(path)
-            content.roles.append(FileRole(path, "laser points", f"{count} points"))
+            with suppress(HrsiError):
+                content.roles.append(FileRole(path, "laser points", f"{len(read_laser(path))} points"))
+                content.laser.append(path)
         elif path.lower().endswith(POINT_ENDINGS):
             points.append(f"/vsigzip/{os.path.abspath(path)}" if path.lower().endswith(".gz") else path)
     content.sources = read_sources(points, images, region, crs_names)
@@ -231,11 +224,10 @@ def _rpc_files(paths: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _has_laser_fields(path: str) -> bool:
-    try:
+    with suppress(HrsiError):
         columns = read_table(path).columns
-    except HrsiError:
-        return False
-    return "height" in columns and len(LASER_FIELDS & columns.keys()) > 1
+        return "height" in columns and len(LASER_FIELDS & columns.keys()) > 1
+    return False
 
 
 def _describe_other(path: str, images: Sequence[Image]) -> FileRole:

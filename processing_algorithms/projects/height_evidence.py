@@ -1,4 +1,4 @@
-"""DatumEvidence on a height datum that nothing states: heights of surveyed points, or of rays, against those of a DEM.
+"""Evidence on a height datum that nothing states: heights of surveyed points, or of rays, against those of a DEM.
 
 If heights above the geoid are used as ellipsoidal, they are wrong by its undulation N. Surveyed points whose datum is
 known show that of a DEM, and the reverse. So do rays of two images: a point measured in both has the height h at which
@@ -6,6 +6,7 @@ its position in the second image is on the line of the positions of all heights 
 of h is that of the RPCs relative to each other, in pixels, over the length of this line for one metre of height.
 """
 
+from collections import defaultdict
 from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
@@ -98,10 +99,10 @@ def _intersect(
 
 def intersect_tracks(images: Sequence[Image], tables: Sequence[ImagePoints], height_m: float) -> RayHeights | None:
     """Return the ray heights of the pair of images with the most accurate ones of points measured in both."""
-    places: dict[str, dict[str, np.ndarray]] = {image.id: {} for image in images}
+    places = defaultdict[str, dict[str, np.ndarray]](dict)  # by image and point
     for table in tables:
         for name, image_id, xy in zip(table.ids.tolist(), table.image_ids.tolist(), table.xy, strict=True):
-            places.setdefault(image_id, {})[name] = xy
+            places[image_id][name] = xy
     found = []
     for first, second in combinations(images, 2):
         common = sorted(places[first.id].keys() & places[second.id].keys())
@@ -127,13 +128,13 @@ def measure_rays(images: Sequence[Image], height_m: float) -> RayHeights | None:
     lines = _trace(first, second, xy, height_m - reach, height_m + reach)
     steps = [_trace(first, second, xy + step, height_m, height_m)[0] for step in ((0, 0), (1, 0), (0, 1))]
     margin = float(np.linalg.norm([estimate_pointing(one).sigma_m for one in (first, second)])) / compute_gsd_m(second)
-    rows, places = list[int](), list[tuple[float, float]]()
-    for row in range(len(xy)):
-        by_first = np.column_stack([steps[1][row] - steps[0][row], steps[2][row] - steps[0][row]])
-        moved = transfer_point(first.pixels, xy[row], second.pixels, lines[:, row], by_first, margin)
-        if not moved.refusal:
-            rows.append(row)
-            places.append(moved.xy)
+    slopes = np.stack([steps[1] - steps[0], steps[2] - steps[0]], axis=-1)
+    moved = [
+        transfer_point(first.pixels, place, second.pixels, line, by_first, margin)
+        for place, line, by_first in zip(xy, lines.swapaxes(0, 1), slopes, strict=True)
+    ]
+    rows = [row for row, one in enumerate(moved) if not one.refusal]
     if len(rows) < SAMPLES.plane:
         return None
-    return _intersect(first, second, xy[rows], np.array(places), height_m, [""] * len(rows))
+    places = np.array([moved[row].xy for row in rows])
+    return _intersect(first, second, xy[rows], places, height_m, [""] * len(rows))

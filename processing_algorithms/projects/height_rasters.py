@@ -5,6 +5,7 @@ and mosaics, become a virtual raster next to the project file.
 """
 
 import os
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -63,9 +64,8 @@ class HeightRaster:
     @property
     def datum(self) -> str | None:
         """Height datum by its name; '' if the CRS states it, None if nothing does."""
-        crs = self.facts.crs
-        stated = crs is not None and has_heights(crs)
-        return "" if stated else state_datum(os.path.basename(self.path).lower(), crs.name if crs is not None else "")
+        crs, name = self.facts.crs, os.path.basename(self.path).lower()
+        return "" if crs is not None and has_heights(crs) else state_datum(name, crs.name if crs is not None else "")
 
     @property
     def target(self) -> str:
@@ -94,9 +94,7 @@ def find_heights(path: str, facts: RasterFacts, region: np.ndarray) -> HeightRas
             if (found := find_raster_kind(path, crs)) is not None
         ]
     for crs, found in candidates:
-        if found.surface is None or (sampled := _sample_heights(found.surface, region)) is None:
-            continue
-        heights, step = sampled
+        heights, step = (np.empty(0), 0) if found.surface is None else _sample_heights(found.surface, region)
         known = np.isfinite(heights)
         if known.any():
             holes = ndimage.binary_fill_holes(known) & ~known  # without the area beyond its edge
@@ -108,10 +106,9 @@ def find_heights(path: str, facts: RasterFacts, region: np.ndarray) -> HeightRas
 
 def merge_tiles(rasters: Sequence[HeightRaster], region: np.ndarray) -> list[HeightRaster]:
     """Return the rasters with tiles of one DEM merged: equal CRS and cells, and little overlap."""
-    groups: dict[tuple[object, ...], list[HeightRaster]] = {}
+    groups = defaultdict[tuple[object, ...], list[HeightRaster]](list)
     for one in rasters:
-        cell = np.round(one.facts.cell, 9).tolist()
-        groups.setdefault((one.facts.crs, *cell, one.is_dsm, one.facts.nodata), []).append(one)
+        groups[(one.facts.crs, *np.round(one.facts.cell, 9).tolist(), one.is_dsm, one.facts.nodata)].append(one)
     merged = list[HeightRaster]()
     for tiles in groups.values():
         if len(tiles) == 1 or any(_overlap(*pair) > EQUALITY.majority for pair in combinations(tiles, 2)):
@@ -130,24 +127,24 @@ def merge_tiles(rasters: Sequence[HeightRaster], region: np.ndarray) -> list[Hei
 
 def _overlap(first: HeightRaster, second: HeightRaster) -> float:
     """Return the share of the smaller raster that the other covers."""
-    halves = [0.5 * np.abs(np.multiply(one.facts.cell, one.facts.size)) for one in (first, second)]
-    boxes = [
-        np.array(one.facts.centre) + np.array([-half, half]) for one, half in zip((first, second), halves, strict=True)
-    ]
-    common = np.minimum(boxes[0][1], boxes[1][1]) - np.maximum(boxes[0][0], boxes[1][0])
-    smallest = min(float(np.prod(box[1] - box[0])) for box in boxes)
-    return float(np.prod(np.maximum(common, 0.0))) / smallest
+    centres = np.array([first.facts.centre, second.facts.centre])
+    sides = np.abs([np.multiply(one.facts.cell, one.facts.size) for one in (first, second)])
+    common = (centres + 0.5 * sides).min(axis=0) - (centres - 0.5 * sides).max(axis=0)
+    return float(np.prod(np.maximum(common, 0.0)) / np.prod(sides, axis=1).min())
 
 
-def _sample_heights(surface: GridSurface, region: np.ndarray) -> tuple[np.ndarray, int] | None:
-    """Return heights on a lattice of cells where the surface and the images' ground overlap, and its step in cells."""
+def _sample_heights(surface: GridSurface, region: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return heights on a lattice of cells where the surface and the images' ground overlap, and its step in cells.
+
+    heights : (rows, columns); empty if they do not overlap
+    """
     (west, south), (east, north) = region
     cells = surface.grid_coordinates(np.array([[west, south], [west, north], [east, south], [east, north]]))
     rows, columns = surface.shape
     low = np.maximum(np.floor(cells.min(axis=0)), 0).astype(int)
     high = np.minimum(np.ceil(cells.max(axis=0)), (columns - 1, rows - 1)).astype(int)
     if (high <= low).any():
-        return None
+        return np.empty(0), 0
     step = max(1, int((high - low).max()) // MEMORY.window_px)
     column, row = np.meshgrid(np.arange(low[0], high[0] + 1, step), np.arange(low[1], high[1] + 1, step))
     heights = surface.heights(np.column_stack([column.ravel(), row.ravel()]).astype(np.float64))
@@ -157,5 +154,5 @@ def _sample_heights(surface: GridSurface, region: np.ndarray) -> tuple[np.ndarra
 def parts_of(path: str, endings: tuple[str, ...]) -> list[str]:
     """Return the other files from which GDAL reads a raster: tiles, sources of a virtual raster."""
     dataset = open_dataset(path)[0]
-    files = (dataset.GetFileList() or []) if dataset is not None else []
+    files = [] if dataset is None else dataset.GetFileList() or []
     return sorted({os.path.abspath(one) for one in files if one.lower().endswith(endings)} - {path})

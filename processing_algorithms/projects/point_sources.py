@@ -3,8 +3,9 @@
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import chain, pairwise
+from itertools import chain, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -89,26 +90,32 @@ class PointSource:
 
 def state_datum(*texts: str) -> str | None:
     """Return the height datum that names of a file and its fields state; None if they state none."""
-    for text in texts:
-        for datum, pattern in DATUM_WORDS:
-            if re.search(pattern, text, re.IGNORECASE):
-                return datum
-    return None
+    stated = (datum for text, (datum, words) in product(texts, DATUM_WORDS) if re.search(words, text, re.IGNORECASE))
+    return next(stated, None)
 
 
 def read_sources(
     paths: Sequence[str], images: Mapping[str, Image], region: np.ndarray, crs_names: Sequence[str]
 ) -> list[PointSource]:
     """Return the point files among some files, in two passes: measurements are identified by the ground points."""
-    found = [one for path in paths for one in _read_layers(path, images, region, crs_names)]
-    ground = [one.ground for one in found if one.ground is not None]
-    known = {str(one): xyz for points in ground for one, xyz in zip(points.ids, points.ground, strict=True)}
-    read = {one.path for one in found}
+    found = list[PointSource]()
+    for path in paths:
+        layers = list(layer_names(path)) if path.lower().endswith(".gpkg") else []
+        specs = [f"{path}|layername={layer}" for layer in layers] if len(layers) > 1 else [path]
+        sources = [_read_source(path, spec, images, region, crs_names) for spec in specs]
+        found += [one for one in sources if one is not None]
+    known, read = _place_ids(found), {one.path for one in found}
     rest = [path for path in paths if path not in read]
     found += [one for path in rest if (one := _read_image_columns(path, images, known)) is not None]
     rest = sorted({*rest} - {one.path for one in found})
     faults = {path: _find_fault(path, region, crs_names) for path in rest}
     return [*found, *(PointSource(path, [path], fault=text) for path, text in faults.items() if text)]
+
+
+def _place_ids(sources: Sequence[PointSource]) -> dict[str, np.ndarray]:
+    """Return the positions (3,) of the ground points of files by id, of the last file for an id in several."""
+    tables = [one.ground for one in sources if one.ground is not None]
+    return {str(name): xyz for table in tables for name, xyz in zip(table.ids, table.ground, strict=True)}
 
 
 def _find_fault(path: str, region: np.ndarray, crs_names: Sequence[str]) -> str:
@@ -130,14 +137,6 @@ def _find_fault(path: str, region: np.ndarray, crs_names: Sequence[str]) -> str:
         else:
             return ""
     return faults[0]
-
-
-def _read_layers(
-    path: str, images: Mapping[str, Image], region: np.ndarray, crs_names: Sequence[str]
-) -> list[PointSource]:
-    layers = list(layer_names(path)) if path.lower().endswith(".gpkg") else []
-    specs = [f"{path}|layername={layer}" for layer in layers] if len(layers) > 1 else [path]
-    return [one for spec in specs if (one := _read_source(path, spec, images, region, crs_names)) is not None]
 
 
 def _read_source(
@@ -210,9 +209,9 @@ def _try(spec: str, images: Mapping[str, Image], crs: str) -> PointTables | None
 
 def _is_plausible(tables: PointTables, images: Mapping[str, Image], region: np.ndarray) -> bool:
     """Return whether points lie on the ground of the images, or name images."""
-    if tables.ground is not None and share_near(tables.ground.ground[:, :2], region) < EQUALITY.majority:
-        return False
-    return tables.image is None or bool(np.isin(tables.image.image_ids, list(images)).any())  # or of a larger block
+    is_here = tables.ground is None or share_near(tables.ground.ground[:, :2], region) >= EQUALITY.majority
+    # of this block, or of a larger one
+    return is_here and (tables.image is None or bool(np.isin(tables.image.image_ids, list(images)).any()))
 
 
 def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSource:
@@ -245,8 +244,8 @@ def _complete(spec: str, tables: PointTables, images: Mapping[str, Image], crs: 
         return spec, tables
     listed = spec.partition("|columns=")[2]  # meanings of all columns, or fields chosen by name
     known = match_fields(table.field_names).values()
-    spare = [name for k, name in enumerate(table.field_names) if k not in known and f"={name}" not in listed]
-    spare = [] if listed and "=" not in listed else spare
+    names = [] if listed and "=" not in listed else table.field_names
+    spare = [name for k, name in enumerate(names) if k not in known and f"={name}" not in listed]
     for name in spare:
         if ROLE_FIELD.fullmatch(name.strip()) and not (tables.ground.role >= 0).any():
             read = _try(f"{spec}|columns=role={name}", images, crs)
@@ -288,10 +287,9 @@ def _read_image_columns(path: str, images: Mapping[str, Image], known: Mapping[s
         tables = _try(f"{path}|image={image}", images, "")
         if tables is not None and tables.image is not None and tables.ground is None:
             return PointSource(path, [f"{path}|image={image}"], measured=[tables.image], notes=[f"image {image}"])
-    try:
+    table = None
+    with suppress(InputError):
         table = column_roles.read_text_table(path) if _is_text(path) else None
-    except InputError:
-        return None
     if table is None:
         return None
     if names := column_roles.find_measurement_columns(table, images, known):
@@ -330,16 +328,8 @@ class PointRoles:
 
 def _pair_positions(source: PointSource, others: Sequence[PointSource]) -> np.ndarray:
     """Return the positions ``(2, n, 3)`` of points with one id in a file and in other files."""
-    known, own = (
-        {
-            str(name): xyz
-            for one in files
-            if one.ground is not None
-            for name, xyz in zip(one.ground.ids, one.ground.ground, strict=True)
-        }
-        for files in (others, [source])
-    )
-    pairs = [(xyz, known[name]) for name, xyz in own.items() if name in known]
+    known = _place_ids(others)
+    pairs = [(xyz, known[name]) for name, xyz in _place_ids([source]).items() if name in known]
     return np.array(pairs).reshape(-1, 2, 3).swapaxes(0, 1)
 
 
@@ -349,9 +339,8 @@ def _find_contradiction(source: PointSource, others: Sequence[PointSource]) -> s
     if not len(first):
         return ""
     distance = float(np.nanmedian(np.linalg.norm(ground_difference_m(first, second)[:, :2], axis=1)))
-    if distance < COLUMN_ROLES.equal_m:
-        return ""
-    return f"{len(first)} of its points have other places (median {distance:.0f} m) in {others[0].name}"
+    differ = f"{len(first)} of its points have other places (median {distance:.0f} m) in {others[0].name}"
+    return "" if distance < COLUMN_ROLES.equal_m else differ
 
 
 def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
@@ -398,16 +387,13 @@ def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
         shared = len(one.measured_ids & ids)
         (found.measured if shared else found.ties).append(one)
         told = f"{sum(map(len, one.measured))} image points of {len(one.measured_ids)} points"
-        what = "image measurements" if shared else "tie points"
         told += f", {shared} of them with a ground position" if shared else ""
-        found.roles[one.path] = (what, "; ".join([told, *one.notes]))
+        found.roles[one.path] = ("image measurements" if shared else "tie points", "; ".join([told, *one.notes]))
     for key, chosen in (("gcps", found.control), ("image_points", found.measured), ("tie_points", found.ties)):
         if chosen:
             found.options[key] = [spec for one in chosen for spec in one.specs] + found.options.get(key, [])
     crs = {one.crs for one in found.control if one.crs}
     found.options |= {"ground_crs": crs.pop()} if len(crs) == 1 else {}
-    if gcp_ids and not check_ids:
-        found.options["gcp_ids"] = sorted(gcp_ids)
-    if check_ids:
-        found.options["check_ids"] = sorted(check_ids)
+    if listed := check_ids or gcp_ids:
+        found.options["check_ids" if check_ids else "gcp_ids"] = sorted(listed)
     return found

@@ -10,7 +10,7 @@ import os
 import re
 import tempfile
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ...hrsi_engine.foundation.errors import HrsiError, InputError
@@ -44,6 +44,8 @@ SHARED = (
 )  # fmt: skip
 ONLY_ASKED = ("surface-model",)  #: steps that run only if the file has their table
 GROUND_OPTIONS = frozenset({"dem", "height", "terrain_points"})  #: options that define the ground of orthoimages
+#: Steps whose inputs are made by the run, and what its plan says of them.
+MADE_INPUTS = {"surface-model": "surface of up to {} images", "ortho-check": "up to {} orthoimages"}
 SKIP = "skip"  #: a step with this key set, to true or to the reason, is not run
 
 
@@ -84,9 +86,9 @@ def read_project(path: str, answer: str = "") -> Project:
     except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read as a project file ({error}): correct it") from None
     known = [*TEXTS, *SHARED, *FOLDERS]
-    for key in content:
-        if key not in known:
-            raise InputError(f"{path}: has no place for {key!r}{suggestion(key, known)}: it has {', '.join(known)}")
+    if unknown := [key for key in content if key not in known]:
+        near = suggestion(unknown[0], known)
+        raise InputError(f"{path}: has no place for {unknown[0]!r}{near}: it has {', '.join(known)}")
     if not content.get("images"):
         raise InputError(f'{path}: names no images: add images = ["folder"]')
     asked = [key for key in SHARED if content.get(key) == ASK]
@@ -96,15 +98,13 @@ def read_project(path: str, answer: str = "") -> Project:
             f"{path}: do the heights refer to the ellipsoid or to the geoid (sea level)? Set {' and '.join(asked)} = "
             '"ellipsoidal" or "egm2008"'
         )
-    folder = os.path.dirname(path)
     texts = {key: str(content[key]) for key in TEXTS if content.get(key)}
     if "output_dir" in texts:
-        texts["output_dir"] = os.path.join(folder, texts["output_dir"])
+        texts["output_dir"] = os.path.join(os.path.dirname(path), texts["output_dir"])
     shared = _place_options(path, "triangulate", {key: content[key] for key in SHARED if key in content})
     tables = {name: content.get(name, {SKIP: True} if name in ONLY_ASKED else {}) for name in FOLDERS}
-    for name, table in tables.items():
-        if not isinstance(table, dict):
-            raise InputError(f"{path}: {name} is no table: write [{name}] above its options")
+    if wrong := [name for name, table in tables.items() if not isinstance(table, dict)]:
+        raise InputError(f"{path}: {wrong[0]} is no table: write [{wrong[0]}] above its options")
     skips = {name: table.pop(SKIP, False) for name, table in tables.items()}
     steps = {name: _place_options(path, name, table) for name, table in tables.items() if not skips[name]}
     skipped = {name: reason for name, reason in skips.items() if isinstance(reason, str) and reason}
@@ -165,10 +165,8 @@ def check_plan(project: Project, context: Context, steps: tuple[str, ...] | None
         for step in FOLDERS:
             if step not in project.steps or step not in (steps or FOLDERS):
                 entries[step] = {"status": LEFT_OUT, "told": project.skipped.get(step, NOT_ASKED)}
-            elif step == "surface-model":  # of the block that the run adjusts
-                entries[step] = {"status": PLANNED, "told": f"surface of up to {len(images)} images"}
-            elif step == "ortho-check":  # its inputs are made by the run
-                entries[step] = {"status": PLANNED, "told": f"up to {len(images)} orthoimages"}
+            elif step in MADE_INPUTS:
+                entries[step] = {"status": PLANNED, "told": MADE_INPUTS[step].format(len(images))}
             else:
                 entries[step] = _check_step(step, project, images, os.path.join(folder, step), context)
     return entries
@@ -176,8 +174,7 @@ def check_plan(project: Project, context: Context, steps: tuple[str, ...] | None
 
 def _check_step(step: str, project: Project, images: tuple[str, ...], folder: str, context: Context) -> Report:
     name = algorithm_of(step, images)
-    given: dict[str, Any] = {"images": images, "output_dir": folder}
-    options = {**project.options_of(step, name), **given}
+    options = {**project.options_of(step, name), "images": images, "output_dir": folder}
     without_terrain = step == "orthorectify" and not GROUND_OPTIONS & options.keys()
     if without_terrain:  # points that are not adjusted yet
         options["height"] = open_image(images[0]).middle_height_m
@@ -187,11 +184,10 @@ def _check_step(step: str, project: Project, images: tuple[str, ...], folder: st
         )
     except HrsiError as error:
         return {"status": FAILED, "algorithm": name, "told": str(error), "exit_code": error.exit_code}
-    counts = ", ".join(f"{count} {what}" for what, count in report["counts"].items())
     return {
         "status": PLANNED,
         "algorithm": name,
-        "told": counts,
+        "told": ", ".join(f"{count} {what}" for what, count in report["counts"].items()),
         "verdict": report["verdict"],
         "warnings": [] if without_terrain else report["warnings"],
     }
@@ -208,21 +204,19 @@ def judge_plan(entries: Mapping[str, Report]) -> Report:
     levels = [*(verdict["level"] for verdict in judged), *([Level.UNUSABLE.label] if failed else [])]
     level = max(levels, key=LEVELS.index, default=Level.DOUBTFUL.label)
     reasons = [reason for verdict in judged for reason in verdict["reasons"]]
-    sentences = dict.fromkeys([*failed, *(_summarise(verdict) for verdict in judged)])
+    # The sentence of each verdict; of a check of inputs, the worst of what it found
+    found = [
+        verdict["reasons"][0]["message"]
+        if verdict["sentence"] == INPUTS_CHECKED and verdict["reasons"]
+        else verdict["sentence"]
+        for verdict in judged
+    ]
+    sentences = dict.fromkeys([*failed, *found])
     if len(sentences) > 1:
         sentences.pop(NOTHING_WRONG, None)
     return {"level": level, "sentence": "; ".join(sentences) or "no step was judged", "reasons": reasons}
 
 
-def _summarise(verdict: Report) -> str:
-    """Return the sentence of a verdict; of a check of inputs, the worst of what it found."""
-    if verdict["sentence"] == INPUTS_CHECKED and verdict["reasons"]:
-        return str(verdict["reasons"][0]["message"])
-    return str(verdict["sentence"])
-
-
-def failures(entries: Mapping[str, Report]) -> Iterator[tuple[str, int]]:
-    """Yield name and exit code of the failed steps."""
-    for name, entry in entries.items():
-        if entry["status"] == FAILED:
-            yield name, int(entry.get("exit_code", 1))
+def failures(entries: Mapping[str, Report]) -> dict[str, int]:
+    """Return the exit code of each failed step."""
+    return {name: int(entry.get("exit_code", 1)) for name, entry in entries.items() if entry["status"] == FAILED}

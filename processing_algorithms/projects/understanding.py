@@ -1,6 +1,6 @@
 """Decisions on a folder: inputs of a project, height datums, steps that apply, and the question to the user.
 
-DatumEvidence decides where it can, and each decision has its reason. What remains is one question at most.
+Evidence decides where it can, and each decision has its reason. What remains is one question at most.
 """
 
 import os
@@ -62,16 +62,11 @@ def understand(content: FolderContent, height_datum: str | None = None) -> Under
     """Return the decisions on the content of a folder; ``height_datum`` is the user's answer to the question."""
     if height_datum not in (None, ELLIPSOIDAL):
         open_geoid(str(height_datum))  # an error is reported now
-    made = Understanding(content)
     points = decide_roles(content.sources)
     content.roles += [FileRole(path, *role) for path, role in points.roles.items()]
-    made.decisions += points.notes
-    made.decisions += [
-        f"{os.path.basename(one.path)}: image, not used: {one.reason}"
-        for one in content.roles
-        if one.role == BROKEN_IMAGE
-    ]
-    made.shared["images"] = [image.path for image in content.images]
+    broken = [one for one in content.roles if one.role == BROKEN_IMAGE]
+    told = [*points.notes, *(f"{os.path.basename(one.path)}: image, not used: {one.reason}" for one in broken)]
+    made = Understanding(content, {"images": [image.path for image in content.images]}, decisions=told)
     measured = {name for one in content.sources for name in one.measured_ids}
     surveyed = {name for one in points.control for name in one.ground_ids}
     has_control = bool(surveyed & measured)
@@ -104,12 +99,10 @@ def _choose_dem(made: Understanding, needed: bool) -> HeightRaster | None:
         surface = fill_gaps(one.surface, one.gap_cells) if one.gap_cells else one.surface
         one.share = float(np.mean([compute_coverage(image, surface) for image in images]))
     least = EQUALITY.majority
-    ranked = sorted(made.content.heights, key=lambda one: (one.share >= least, not one.is_dsm, one.share))
-    dem = ranked.pop() if ranked else None
-    for one in ranked:
-        made.decisions.append(f"{one.name}: not used, {dem.name if dem else None} is")
-    if dem is None:
+    if not made.content.heights:
         return None
+    *others, dem = sorted(made.content.heights, key=lambda one: (one.share >= least, not one.is_dsm, one.share))
+    made.decisions += [f"{one.name}: not used, {dem.name} is" for one in others]
     told = f"{dem.name}: covers {dem.share:.0%} of the images' ground"
     if dem.share < least and not needed and len(images) > 1:
         made.decisions.append(f"{told}: not used, orthoimages take the heights of the adjusted points")
@@ -189,8 +182,8 @@ def _weigh_evidence(
     compare()
     rays = _find_rays(made, surveyed, dem) if None in datums.values() else None
     if rays is not None:
-        places = dict(zip(ids, surveyed[:, 2].tolist(), strict=True))
-        heights = {"height_datum": np.array([places.get(name, np.nan) for name in rays.ids])}
+        surveyed_m = dict(zip(ids, surveyed[:, 2].tolist(), strict=True))
+        heights = {"height_datum": np.array([surveyed_m.get(name, np.nan) for name in rays.ids])}
         if dem is not None:
             heights["dem_datum"] = surface_heights(dem.surface, rays.lonlat)
         for key in [key for key, datum in datums.items() if datum is None]:
@@ -257,7 +250,7 @@ def _choose_steps(made: Understanding, points: PointRoles, dem: HeightRaster | N
             height = float(np.median(np.concatenate(ground) if ground else [one.middle_height_m for one in images]))
             steps["orthorectify"]["height"] = round(height, 1)
             made.decisions.append(f"no DEM: orthoimages are made at the height {height:.1f} m")
-    if "orthorectify" in steps and len(pixels) > 1:
+    if len(pixels) > 1:
         steps["ortho-check"] = {}
     else:
         left_out["ortho-check"] = "fewer than two orthoimages"
@@ -267,7 +260,7 @@ def _choose_steps(made: Understanding, points: PointRoles, dem: HeightRaster | N
         tracks = {} if len(pixels) > 1 and not points.ties else {"tracks": triangulate.get("tie_points", "none")}
         steps["evaluate"] = {"tracks": "none"} if len(images) == 1 else tracks
     if not steps:
-        reason = next(iter(left_out.values()))
         raise InputError(
-            f"{content.folder}: no step can run ({reason}): add images, tie points, or GCPs with their measurements"
+            f"{content.folder}: no step can run ({next(iter(left_out.values()))}): add images, tie points, or GCPs "
+            "with their measurements"
         )

@@ -1,7 +1,7 @@
 """The project file of a folder that was understood, with the roles of all files and the reasons of decisions."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ...hrsi_engine.foundation.json_values import json_text
@@ -45,8 +45,8 @@ def write_project(made: Understanding, path: str) -> None:
     here = os.path.dirname(os.path.abspath(path))
     dem = next((one for one in made.content.heights if one.path == made.shared.get("dem")), None)
     shared = {**made.shared, **({"dem": dem.write_target(here)} if dem is not None else {})}
-    title = os.path.basename(os.path.abspath(made.content.folder))
-    lines = [HEAD.format(title=json_text(title)), *(f"# {line}" for line in describe_folder(made, here)), ""]
+    title = json_text(os.path.basename(os.path.abspath(made.content.folder)))
+    lines = [HEAD.format(title=title), *(f"# {line}" for line in describe_folder(made, here)), ""]
     lines += [f"# QUESTION: {made.question}"] if made.question else []
     lines += _assign(shared, here)
     for step in FOLDERS:
@@ -72,20 +72,17 @@ def _assign(options: Mapping[str, Any], here: str) -> Iterator[str]:
     """Yield the lines of options; those that name files relative to the project file."""
     for key, value in options.items():
         remark = f"   # {REMARKS[key]}" if key in REMARKS else ""
-        if key in FILES and isinstance(value, (list, tuple)) and key != "images":
-            value = ";".join(_relative(str(one), here) for one in value)
-        elif key in FILES and isinstance(value, str) and value not in ("auto", "none"):
-            value = _relative(value, here)
+        is_list = isinstance(value, (list, tuple))
+        if key in FILES and value not in ("auto", "none"):
+            named = [_relative(str(one), here) for one in (value if is_list else [value])]
+            value = named if key == "images" else ";".join(named)
         if isinstance(value, (list, tuple)):
-            value = [_relative(str(one), here) if key in FILES else one for one in value]
-            yield f"{key} = [{_join(value)}]"
+            texts = [json_text(one) for one in value]
+            is_short = sum(map(len, texts)) < 90
+            listed = ", ".join(texts) if is_short else "\n" + "".join(f"  {text},\n" for text in texts)
+            yield f"{key} = [{listed}]"
         else:
             yield f"{key} = {json_text(value)}{remark}"
-
-
-def _join(values: Sequence[Any]) -> str:
-    texts = [json_text(value) for value in values]
-    return ", ".join(texts) if sum(map(len, texts)) < 90 else "\n" + "".join(f"  {text},\n" for text in texts)
 
 
 def _relative(spec: str, here: str) -> str:
