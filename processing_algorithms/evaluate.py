@@ -4,7 +4,6 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -45,6 +44,17 @@ from .interface.declare import Context, Report
 
 #: Source, files and RPCs of a set.
 CameraSet = tuple[str, Sequence[str], Sequence[RPC]]
+#: Figures of surveyed points, and of heights above a DEM, in the summary: keys of the report.
+SURVEY_KEYS = (
+    "rmse_east_m",
+    "rmse_north_m",
+    "rmse_height_m",
+    "ce90_m",
+    "le90_m",
+    "rmse_sample_px",
+    "rmse_line_px",
+)
+DEM_KEYS = ("median_m", "nmad_m", "p90_m")
 SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")  # part of a layer's name
 
 
@@ -77,8 +87,8 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     if context.dry_run:
         return _plan_run(options, images, list(cameras), surface, context)
     clock.lap("read")
-    files_of_sets = {name: files for name, (_, files, _) in cameras.items()}
-    judges = read_evaluation_points(options, images, surface, files_of_sets, context)
+    files = {name: files for name, (_, files, _) in cameras.items()}
+    judges = read_evaluation_points(options, images, surface, files, context)
     block, warnings = judges.block, judges.warnings
     clock.lap("tracks")
     # The same points for all sets: tracks in at least two images that are no outliers for at least one set
@@ -99,8 +109,10 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         "held_out": judges.held_out,
         "independent": judges.are_independent,
     }
-    figures_of = partial(_set_entry, surface=surface, control=control, options=options)
-    set_entries = {one.name: figures_of(one, observations, kept, predicted) for one in sets}
+    set_entries = {
+        one.name: _set_entry(one, observations, kept, predicted, surface=surface, control=control, options=options)
+        for one in sets
+    }
     if len(predicted) and (predictions := int(predicted.sum())) < SAMPLES.trend:
         why = "two images have none" if len(images) < 3 else "they need points on three images or more"
         warnings.append(
@@ -122,8 +134,10 @@ def run(options: EvaluateOptions, context: Context) -> Report:
         clock.lap("write")
         report["seconds"] = clock.total()
         if options.report:
-            kinds = ("predicted", "fit")
-            rmse_px = {name: {k: one[f"{k}_rmse_px"] or 0.0 for k in kinds} for name, one in set_entries.items()}
+            rmse_px = {
+                name: {kind: one[f"{kind}_rmse_px"] or 0.0 for kind in ("predicted", "fit")}
+                for name, one in set_entries.items()
+            }
             write_page(str(folder / PAGE_FILE), "evaluation.html.j2", report, bars=draw_bars(rmse_px, "px"))
     return report
 
@@ -161,9 +175,8 @@ def _open_sets(options: EvaluateOptions, images: Sequence[Image], context: Conte
         if name in named:
             raise InputError(f"`rpcs` names {name} twice: give each set a name of its own")
         named[name] = folder, *rpcs_of_folder(folder, images, context.log)
-    if any(list(rpcs) == own for _, _, rpcs in named.values()):
-        return named
-    return {OWN: ("the images", [image.path for image in images], own), **named}
+    has_own = any(list(rpcs) == own for _, _, rpcs in named.values())
+    return named if has_own else {OWN: ("the images", [image.path for image in images], own), **named}
 
 
 # ---- figures ---------------------------------------------------------------------------------------------------------
@@ -258,9 +271,16 @@ def _describe_pairs(one: RpcSet, kept: np.ndarray) -> list[Report]:
         across = pair.across_px[kept[pair.points]]
         if len(across):
             bias = float(np.median(across))
-            names = {"first": one.block.images[pair.first].id, "second": one.block.images[pair.second].id}
-            nmad = float(robust_sigma(across - bias))
-            entries.append({**names, "points": len(across), "bias_px": bias, "nmad_px": nmad, "rmse_px": rmse(across)})
+            entries.append(
+                {
+                    "first": one.block.images[pair.first].id,
+                    "second": one.block.images[pair.second].id,
+                    "points": len(across),
+                    "bias_px": bias,
+                    "nmad_px": float(robust_sigma(across - bias)),
+                    "rmse_px": rmse(across),
+                }
+            )
     return entries
 
 
@@ -271,26 +291,27 @@ def _describe_heights(ground: np.ndarray, surface: HeightSurface) -> Report:
     if not len(above):
         return {"points": 0, "median_m": None, "nmad_m": None, "p90_m": None}
     middle = float(np.median(above))
-    p90_m = float(np.percentile(np.abs(above), 90.0))
-    return {"points": len(above), "median_m": middle, "nmad_m": float(robust_sigma(above - middle)), "p90_m": p90_m}
+    return {
+        "points": len(above),
+        "median_m": middle,
+        "nmad_m": float(robust_sigma(above - middle)),
+        "p90_m": float(np.percentile(np.abs(above), 90.0)),
+    }
 
 
 def _survey_entry(one: RpcSet, role: Role) -> Report:
     """Return the differences of the surveyed points of a role, in metres on the ground and pixels in the images."""
     points = one.block.points.role == role
     rows = points[one.block.measurements.point]
-    east, north, height = (rmse(one.known_m[points, axis]) for axis in range(3))
-    shown = one.known_m[points]
-    means = [float(np.nanmean(column)) if np.isfinite(column).any() else None for column in shown.T]
+    known_m = dict(zip(("east_m", "north_m", "height_m"), one.known_m[points].T, strict=True))
     return {
         "points": int(points.sum()),
-        "rmse_east_m": east,
-        "rmse_north_m": north,
-        "rmse_height_m": height,
-        "mean_east_m": means[0],
-        "mean_north_m": means[1],
-        "mean_height_m": means[2],
-        **errors_90(east, north, height),
+        **{f"rmse_{axis}": rmse(column) for axis, column in known_m.items()},
+        **{
+            f"mean_{axis}": float(np.nanmean(column)) if np.isfinite(column).any() else None
+            for axis, column in known_m.items()
+        },
+        **errors_90(*map(rmse, known_m.values())),
         "rmse_sample_px": rmse(one.known_px[rows, 0]),
         "rmse_line_px": rmse(one.known_px[rows, 1]),
     }
@@ -336,15 +357,12 @@ def _make_layers(
             values = [entry["images"][image.id][key] for image in images]
             columns[f"{key.removesuffix('_px')}_{name}"] = np.array(values, dtype=np.float64)
     layers = [Layer("images", "Polygon", WGS84, [compute_footprint(image, height) for image in images], columns)]
-    pairs = [{"set": name, **pair} for name, entry in report["sets"].items() for pair in entry["pairs"]]
-    if pairs:
+    if pairs := [{"set": name, **pair} for name, entry in report["sets"].items() for pair in entry["pairs"]]:
         layers.append(Layer("pairs", "None", WGS84, [], EvaluatedPairRows.of_entries(pairs)))
     arrows = [_residual_layer(one, observations, kept, predicted) for one in sets]
-    layers += arrows
-    styles = default_styles(layers)
-    for layer in arrows:  # the styles of a block's residuals
-        styles[layer.name] = default_styles([replace(layer, name=RESIDUAL_LAYERS[0])])[RESIDUAL_LAYERS[0]]
-    return layers, styles
+    like_block = {layer.name: default_styles([replace(layer, name=RESIDUAL_LAYERS[0])]) for layer in arrows}
+    styles = default_styles([*layers, *arrows])
+    return [*layers, *arrows], styles | {name: style[RESIDUAL_LAYERS[0]] for name, style in like_block.items()}
 
 
 def _residual_layer(one: RpcSet, observations: Observations, kept: np.ndarray, predicted: np.ndarray) -> Layer:
@@ -358,12 +376,9 @@ def _residual_layer(one: RpcSet, observations: Observations, kept: np.ndarray, p
     known = np.flatnonzero(np.isfinite(one.known_px).all(axis=1))
     survey = np.flatnonzero(np.isfinite(one.known_m[:, :2]).all(axis=1))
     point = np.concatenate([observations.points[observations.point[tracks]], rows.point[known], survey])
-    told = predicted[tracks]
-    on_image = np.concatenate(
-        [np.where(told[:, None], fit.predicted_px[tracks], fit.fit_px[tracks]), one.known_px[known]]
-    )
-    sizes = len(tracks), len(known), len(survey)
-    pixels = np.vstack([on_image, np.full((len(survey), 2), np.nan)])
+    told, sizes = predicted[tracks], (len(tracks), len(known), len(survey))
+    of_tracks = np.where(told[:, None], fit.predicted_px[tracks], fit.fit_px[tracks])
+    pixels = np.vstack([of_tracks, one.known_px[known], np.full((len(survey), 2), np.nan)])
     metres = np.vstack([np.full((sizes[0] + sizes[1], 3), np.nan), one.known_m[survey]])
     fields = EvaluatedResidualRows(
         id=block.points.ids[point],
@@ -393,33 +408,26 @@ def summarise(report: Report) -> str:
         "        fit RMSE px": [entry["fit_rmse_px"] for entry in sets.values()],
         "pairs: scatter px": [entry["scatter_px"] for entry in sets.values()],
     }
-    for role in ("control", "check"):
-        if any_set[role]["points"]:
-            for key in (
-                "rmse_east_m",
-                "rmse_north_m",
-                "rmse_height_m",
-                "ce90_m",
-                "le90_m",
-                "rmse_sample_px",
-                "rmse_line_px",
-            ):
-                rows[f"{role}: {key.replace('_', ' ')}"] = [entry[role][key] for entry in sets.values()]
-    if any_set["dem"] is not None:
-        rows |= {
-            f"above the DEM: {key.replace('_', ' ')}": [entry["dem"][key] for entry in sets.values()]
-            for key in ("median_m", "nmad_m", "p90_m")
-        }
+    parts = [("control", "control", SURVEY_KEYS), ("check", "check", SURVEY_KEYS), ("dem", "above the DEM", DEM_KEYS)]
+    rows |= {
+        f"{label}: {key.replace('_', ' ')}": [entry[part][key] for entry in sets.values()]
+        for part, label, keys in parts
+        if any_set[part] is not None and (part == "dem" or any_set[part]["points"])
+        for key in keys
+    }
     rows |= {
         f"predicted on {name} px": [entry["images"][name]["predicted_rmse_px"] for entry in sets.values()]
         for name in list(any_set["images"])[: LENGTH.most_outliers]
     }
     matched = [entry.get("surface") for entry in sets.values()]
-    for axis, name in enumerate(("east", "north", "up")):
-        rows |= {
-            f"to the surface: {name} m": [one and one["displacement_m"][axis] for one in matched],
-            f"        {name}: standard deviation m": [one and one["sigma_m"][axis] for one in matched],
-        }
+    rows |= {
+        label.format(name): [one and one[key][axis] for one in matched]
+        for axis, name in enumerate(("east", "north", "up"))
+        for label, key in (
+            ("to the surface: {} m", "displacement_m"),
+            ("        {}: standard deviation m", "sigma_m"),
+        )
+    }
     width, cell = max(map(len, rows)), max(12, 2 + max(map(len, sets)))
     views = ", ".join(f"{count} on {k}" for k, count in tracks["by_views"].items())
     lines = [

@@ -59,17 +59,18 @@ def run(options: FitRpcOptions, context: Context) -> Report:
     fit_all = partial(fit_rpc, ground, image, common_denominator=common)
     fit = fit_all() if check is None else fit_all(ridge=check.ridge)
     low, high = float(ground[:, 2].min()), float(ground[:, 2].max())
-    given = options.min_height, options.max_height
-    wanted = (low if given[0] is None else given[0], high if given[1] is None else given[1])
+    wanted = (
+        low if options.min_height is None else options.min_height,
+        high if options.max_height is None else options.max_height,
+    )
     warnings = [*table.warnings, *list_operation_warnings(table.operations), *fit.warnings]
     if check is None:
         warnings.append(
             f"too few points to keep some for a check: give at least {(SAMPLES.plane * FIT_CHECK.check_every)}"
         )
     if fit.max_px > FRAME.gross_px:
-        told = f"the RPC fits its points to {fit.max_px:.3g} px only"
         cause = "check them for mistakes and points given twice" if camera is None else "fit parts of the image"
-        warnings.append(f"{told}: {cause}")
+        warnings.append(f"the RPC fits its points to {fit.max_px:.3g} px only: {cause}")
     warnings += extrapolation_warnings(wanted, (low, high))
     report: Report = {
         **context.record,
@@ -77,14 +78,12 @@ def run(options: FitRpcOptions, context: Context) -> Report:
         "points": len(table.ground),
         "max_px": fit.max_px,
         "rms_px": fit.rms_px,
-        "check": None,
+        "check": check and {"points": int(kept_out.sum()), "max_px": check.max_px, "rms_px": check.rms_px},
         "height_min_m": low,
         "height_max_m": high,
         "warnings": warnings,
         "crs_operations": [use.entry() for use in table.operations],
     }
-    if check is not None:
-        report["check"] = {"points": int(kept_out.sum()), "max_px": check.max_px, "rms_px": check.rms_px}
     with stage_results(options.folder, report, context) as folder:
         write_rpc_text(str(folder / name), fit.rpc)
         report["read_back_px"] = read_back_px(str(folder / name), fit.rpc)

@@ -27,9 +27,8 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
         reference_control.open_reference(options.reference.reference, options.reference.reference_band)
         _open_dem(options)
         return plan_folder(options.folder, GCPS_FILE, {"images": len(images)}, [], context)
-    matching = context.stage(0.0, 0.9)
     found = reference_control.find_reference_control(
-        images, options.reference, _open_dem(options), options.sigma_dem, matching
+        images, options.reference, _open_dem(options), options.sigma_dem, context.stage(0.0, 0.9)
     )
     ground, measured = reference_control.reference_points(found)
     if not len(ground):
@@ -61,16 +60,15 @@ def _make_layer(found: FromReference, sigma_m: tuple[float, float], used: bool) 
 
     ``sigma_m`` has the standard deviations of a horizontal coordinate and of the height of each place.
     """
-    control = found.control
-    rows = [(part, part.used == used) for part in control.images]
+    rows = [(part, part.used == used) for part in found.control.images]
     place = np.concatenate([part.places[here] for part, here in rows])
-    ground = control.ground[place]
+    ground = found.control.ground[place]
     residual = [
         part.offset_px[here] - (part.agreement.bias(part.xy[here]) if part.agreement else 0.0) for part, here in rows
     ]
     xy, left = np.concatenate([part.xy[here] for part, here in rows]), np.concatenate(residual)
     fields = (ReferenceGcpRows if used else RejectedMatchRows)(
-        id=np.char.add(PREFIX, np.char.lstrip(control.ids[place], "R")),
+        id=np.char.add(PREFIX, np.char.lstrip(found.control.ids[place], "R")),
         image=np.concatenate([np.full(int(here.sum()), part.image_id) for part, here in rows]),
         sample=xy[:, 0],
         line=xy[:, 1],
@@ -96,12 +94,11 @@ def summarise(report: Report) -> str:
         f"{report['points']} GCPs, {report['measurements']} measurements; reference {reference['gsd_m']:.2f} m per "
         f"pixel, sigma {reference['sigma_xy_m']:.2f} m, heights {reference['sigma_h_m']:.2f} m"
     ]
-    for name, image in reference["images"].items():
-        if image["refusal"]:
-            continue
-        lines.append(
-            f"{name}: {image['used']} of {image['matched']} matches agree to {image['spread_px']:.2f} px; error of its "
-            f"RPC {image['bias_sample_px']:+.1f} {image['bias_line_px']:+.1f} px ({image['east_m']:+.1f} m east, "
-            f"{image['north_m']:+.1f} m north)"
-        )
+    lines += [
+        f"{name}: {image['used']} of {image['matched']} matches agree to {image['spread_px']:.2f} px; error of its RPC "
+        f"{image['bias_sample_px']:+.1f} {image['bias_line_px']:+.1f} px ({image['east_m']:+.1f} m east, "
+        f"{image['north_m']:+.1f} m north)"
+        for name, image in reference["images"].items()
+        if not image["refusal"]
+    ]
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])

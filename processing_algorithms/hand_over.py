@@ -34,19 +34,17 @@ def run(options: HandOverOptions, context: Context) -> Report:
             raise InputError(f"`extent` {options.extent}: no chosen pair shows it: check box and CRS")
     views = [view.geometry() for view in block.views.values()]
     gsd = float(np.median([np.hypot(view.gsd_sample_m, view.gsd_line_m) / np.sqrt(2.0) for view in views]))
-    points = block.points
-    surveyed = points.select(np.zeros(len(points), dtype=bool)) if block.surveyed is None else block.surveyed
+    surveyed = block.points.select(np.empty(0, dtype=int)) if block.surveyed is None else block.surveyed
     project = BlockProject(
         block.images, tuple(pairs), area, whole=not options.extent, surface=block.surface, gsd_m=gsd,
         epsg=map_epsg(area.centroid.x, area.centroid.y), copy=not options.link, factor=options.factor,
-        suns=block.suns, times=block.times, points=points, surveyed=surveyed, measured=block.measured,
+        suns=block.suns, times=block.times, points=block.points, surveyed=surveyed, measured=block.measured,
     )  # fmt: skip
     planned = PROJECT_PLANNERS[options.to](project)
-    warnings = [*planned.notices, *block.warnings]
+    warnings, folder = [*planned.notices, *block.warnings], options.folder.output_dir
     if context.dry_run:
         counts = {"images": len(block.images), "pairs": len(pairs)}
-        return plan(context, options.folder.output_dir, [REPORT_FILE, *planned.files], counts, warnings)
-    folder = options.folder.output_dir
+        return plan(context, folder, [REPORT_FILE, *planned.files], counts, warnings)
     report: Report = {
         **context.record, **planned.told, "to": options.to, "pairs": [pair_entry(pair, gsd) for pair in pairs],
         "area": list(area.bounds), "gsd_m": gsd, "epsg": project.epsg, "warnings": warnings,
@@ -64,14 +62,14 @@ def run(options: HandOverOptions, context: Context) -> Report:
 
 
 def pair_entry(pair: StereoPair, gsd_m: float) -> dict[str, Any]:
-    geometry = pair.geometry
+    """Return the report's entry of a stereo pair, with the standard deviation of its heights at a pixel size (m)."""
     return {
         "left": pair.left,
         "right": pair.right,
         "score": pair.score,
-        "convergence_deg": geometry.convergence_deg,
-        "base_to_height": geometry.base_to_height,
-        "overlap": min(geometry.overlap),
+        "convergence_deg": pair.geometry.convergence_deg,
+        "base_to_height": pair.geometry.base_to_height,
+        "overlap": min(pair.geometry.overlap),
         "sun_deg": pair.sun_deg,
         "season_days": pair.season_days,
         "similarity": pair.similarity,
@@ -81,14 +79,12 @@ def pair_entry(pair: StereoPair, gsd_m: float) -> dict[str, Any]:
 
 def _accuracy_of(told: Mapping[str, Any], pairs: Sequence[StereoPair], gsd_m: float) -> dict[str, Any]:
     """Return the expected accuracy of heights: relative, from the pairs; absolute, from the adjustment."""
-    parts = told.get("parts") or [{}]
-    verdict = told.get("verdict") or {}
+    parts = told.get("parts") or ()
     return {
         "relative_height_m": min(pair.height_sigma_m(gsd_m) for pair in pairs),
-        "ce90_m": max((part.get("ce90_m") or 0.0 for part in parts), default=0.0) or None,
-        "le90_m": max((part.get("le90_m") or 0.0 for part in parts), default=0.0) or None,
+        **{key: max((part.get(key) or 0.0 for part in parts), default=0.0) or None for key in ("ce90_m", "le90_m")},
         "tie_rmse_px": (told.get("ties") or {}).get("rmse_px"),
-        "verdict": verdict.get("sentence"),
+        "verdict": (told.get("verdict") or {}).get("sentence"),
     }
 
 
@@ -104,8 +100,7 @@ def summarise(report: Report) -> str:
         f"{name} {accuracy[key]:.2g} m" for name, key in (("CE90", "ce90_m"), ("LE90", "le90_m")) if accuracy[key]
     ]
     lines.append(f"expected: heights +- {accuracy['relative_height_m']:.2f} m among themselves; {', '.join(absolute)}")
-    views = report.get("perspective", {}).values()
-    if views:
+    if views := report.get("perspective", {}).values():
         worst = (max(view[key] for view in views) for key in ("rms_px", "max_px"))
         lines.append("perspective cameras: differ from the RPCs by {:.3f} px (RMS), {:.3f} px at most".format(*worst))
     lines += [f"warning: {text}" for text in report["warnings"]]

@@ -23,6 +23,7 @@ from .files.result_folder import check_folder, plan_folder, tell, write_folder
 from .interface.declare import Context, Report
 
 LOCALIZED_LINE = "sample line height"
+POINT_KEYS = ("id", "image", "lon", "lat", "height", "status")  #: of the points in a report
 
 
 def run(options: LocalizeOptions, context: Context) -> Report:
@@ -37,8 +38,7 @@ def run(options: LocalizeOptions, context: Context) -> Report:
         raise InputError("lines on standard input belong to one image: give one image")
     else:  # the text after the coordinates is the id
         numbers, rest = parse_lines(standard_input(LOCALIZED_LINE), LOCALIZED_LINE.split())
-        names = np.full(len(rest), ids[0])
-        points = ImagePositions(np.array(rest, dtype=str), names, numbers[:, :2], numbers[:, 2])
+        points = ImagePositions(np.array(rest, dtype=str), np.full(len(rest), ids[0]), numbers[:, :2], numbers[:, 2])
     if context.dry_run:
         counts = {"images": len(images), "image points": len(points.ids)}
         return plan_folder(options.folder, POINTS_FILE, counts, [], context)
@@ -52,7 +52,7 @@ def run(options: LocalizeOptions, context: Context) -> Report:
         "warnings": warnings,
     }
     if not options.folder.output_dir:
-        report["points"] = make_point_rows(columns, ("id", "image", "lon", "lat", "height", "status"))
+        report["points"] = make_point_rows(columns, POINT_KEYS)
     place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
     layer = Layer("ground_points", "PointZ", WGS84_3D, place, LocalizedPointRows(**columns))
     write_folder(options.folder, report, POINTS_FILE, [layer], context)
@@ -63,8 +63,7 @@ def _localize_points(
     images: list[Image], points: ImagePositions, surface: HeightSurface | None
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Return columns with one row for each point, and warnings on points without ground position."""
-    unknown = sorted(set(points.image_ids.tolist()) - {image.id for image in images})
-    if unknown:
+    if unknown := sorted(set(points.image_ids.tolist()) - {image.id for image in images}):
         raise InputError(f"the points name the image {unknown[0]!r}, which is not given: add it, or remove its points")
     ground, status = np.full((len(points.ids), 3), np.nan), np.full(len(points.ids), int(Status.NO_RAY))
     beside: list[str] = []  # images with no point inside
@@ -103,6 +102,5 @@ def summarise(report: Report) -> str:
     if "points" not in report:
         return f"{report['count']} ground points"
     if report["from_file"]:
-        header = ("id", "image", "lon", "lat", "height", "status")
-        return format_lines([header, *map(dict.values, report["points"])], ",")
+        return format_lines([POINT_KEYS, *map(dict.values, report["points"])], ",")
     return format_lines((row["lon"], row["lat"], row["height"], row["id"]) for row in report["points"])

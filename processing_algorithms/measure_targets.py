@@ -44,21 +44,17 @@ def run(options: MeasureTargetsOptions, context: Context) -> Report:
     by_id = {image.id: image for image in images}
     if options.points is not None:
         points, warnings = _approximate_points(images, options.points, options)
-        if context.dry_run:
-            counts = {"targets": len(points)}
-            return plan_folder(options.folder, TARGETS_FILE, counts, warnings, context, options.report)
-        targets = []
         listed = zip(points.ids.tolist(), points.image_ids.tolist(), points.xy, points.kind.tolist(), strict=True)
-        for number, (name, image, xy, kind) in enumerate(listed):
+        targets, count = list[Target](), len(points)
+        for number, (name, image, xy, kind) in enumerate(() if context.dry_run else listed):
             found = measure_target(by_id[image].raster, xy, _choose_kind(options.kind, kind, name), options.target)
             targets.append(Target(name, image, found, xy))
-            advance(context.progress, 0.9 * (number + 1) / len(points), f"target {name}")
+            advance(context.progress, 0.9 * (number + 1) / count, f"target {name}")
     else:
         targets, warnings = _of_edges(str(options.edges), images, options)
-        by_id = {}  # edge points are evaluated without pixels
+        by_id, count = {}, len(targets)  # edge points are evaluated without pixels
     if context.dry_run:
-        counts = {"targets": len(targets)}
-        return plan_folder(options.folder, TARGETS_FILE, counts, warnings, context, options.report)
+        return plan_folder(options.folder, TARGETS_FILE, {"targets": count}, warnings, context, options.report)
     made = [target for target in targets if not target.measurement.refusal]
     # A warning for each image in which no target could be measured
     paths = {image_id(path): path for path in options.images}
@@ -118,8 +114,7 @@ def _approximate_points(
     tables = read_points(file, ground_crs=options.ground_crs, height_datum=options.height_datum, image_ids=ids)
     warnings = list(tables.warnings)
     if tables.image is not None:
-        unknown = sorted(set(tables.image.image_ids.tolist()) - set(ids))
-        if unknown:
+        if unknown := sorted(set(tables.image.image_ids.tolist()) - set(ids)):
             raise InputError(f"{file} names the image {unknown[0]!r}, which is not given: add it, or remove its points")
         return tables.image, warnings
     if tables.ground is None:
@@ -166,8 +161,7 @@ def _of_edges(
     for key in dict.fromkeys(keys.tolist()):
         rows = np.flatnonzero(keys == key)
         name, image = str(points.ids[rows[0]]), str(points.image_ids[rows[0]])
-        kind = _choose_kind(options.kind, str(points.kind[rows[0]]), name)
-        made = measure_edges(points.xy[rows], kind)
+        made = measure_edges(points.xy[rows], _choose_kind(options.kind, str(points.kind[rows[0]]), name))
         targets.append(Target(name, image, made))
         if not made.refusal and (made.sigma_px > TARGETS.largest_sigma_px or not made.used.all()):
             warnings.append(
@@ -180,8 +174,9 @@ def _of_edges(
 def summarise(report: Report) -> str:
     """Return one line for each target."""
     lines = [f"{report['measured']} targets measured, {report['refused']} refused"]
-    for row in report["targets"]:
-        # A refused target has no position
-        told = row["refusal"] or f"{row['sample']:.2f} {row['line']:.2f} +- {row['sigma_px']:.2f} px"
-        lines.append(f"{row['id']} {row['image']} {row['kind']}: {told}")
+    lines += [  # a refused target has no position
+        f"{row['id']} {row['image']} {row['kind']}: "
+        + (row["refusal"] or f"{row['sample']:.2f} {row['line']:.2f} +- {row['sigma_px']:.2f} px")
+        for row in report["targets"]
+    ]
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])

@@ -39,11 +39,9 @@ def run(options: OrthoCheckOptions, context: Context) -> Report:
     if context.dry_run:
         counts = {"orthoimages": len(options.images), "overlapping pairs": len(pairs)}
         return plan_folder(options.folder, SHIFTS_FILE, counts, warnings, context, options.report)
-    part = context.stage(0.0, 0.9)
     window_px = options.matching.window_px + options.matching.window_px % 2  # window sides are even
-    how = replace(options.matching, window_px=window_px)
     with one_thread_calls():  # windows are small: BLAS threads would mostly wait for each other
-        found = match_pairs(pairs, how, part)
+        found = match_pairs(pairs, replace(options.matching, window_px=window_px), context.stage(0.0, 0.9))
     pixel_m = float(np.mean(found[0].pair.base.pixel_m()))
     pooled = {
         state: misregistration.shift_statistics(
@@ -145,18 +143,16 @@ def open_pairs(options: OrthoCheckOptions) -> tuple[list[Pair], list[str]]:
     sets = {AFTER: [_on_base(path, base, warnings) for path in paths]}
     if options.before is not None:
         originals = [os.path.join(options.before, os.path.basename(path)) for path in paths]
-        for path in originals:
-            if not os.path.exists(path):
-                raise InputError(f"{path} does not exist: `before` needs a folder with orthoimages of the same names")
+        if missing := [path for path in originals if not os.path.exists(path)]:
+            raise InputError(f"{missing[0]} does not exist: `before` needs a folder with orthoimages of the same names")
         sets = {BEFORE: [_on_base(path, base, warnings) for path in originals], **sets}
     names = [Path(path).stem for path in paths]
+    chosen = list(itertools.combinations(range(len(paths)), 2))
     if options.reference is not None:
         reference = _on_base(options.reference, base, warnings)
         names.append(Path(options.reference).stem)
         sets = {state: [*placed, reference] for state, placed in sets.items()}
         chosen = [(len(paths), k) for k in range(len(paths))]
-    else:
-        chosen = list(itertools.combinations(range(len(paths)), 2))
     pairs = []
     for i, j in chosen:
         states = {state: (placed[i], placed[j]) for state, placed in sets.items()}
@@ -225,21 +221,22 @@ def match_pairs(
 def _pair_entry(found: PairMatches) -> Report:
     """Return the figures of a pair, before and after, from the windows matched in both."""
     pixel_m = float(np.mean(found.pair.base.pixel_m()))
-    entry: Report = {"first": found.pair.names[0], "second": found.pair.names[1], "pixel_m": pixel_m}
-    for state, matches in found.matches.items():
-        entry[state] = misregistration.shift_statistics(matches.shift_px[found.good], pixel_m) | {
+    return {"first": found.pair.names[0], "second": found.pair.names[1], "pixel_m": pixel_m} | {
+        state: misregistration.shift_statistics(matches.shift_px[found.good], pixel_m)
+        | {
             "tried": len(matches.centre),
             "matched": int(matches.good.sum()),
             "searched_around_px": found.common_px[state].tolist(),
             "outcomes": {o.label: int(np.sum(matches.outcome == o)) for o in misregistration.WindowOutcome},
         }
-    return entry
+        for state, matches in found.matches.items()
+    }
 
 
 def _window_positions(found: PairMatches) -> tuple[np.ndarray, np.ndarray]:
     """Return lon, lat of all windows ``(n, 2)``, and the pixel size east and down in metres."""
-    pixels = found.matches[AFTER].centre + np.array(found.pair.area[:2])
-    return found.pair.base.lonlat(pixels.astype(float)), np.array(found.pair.base.pixel_m())
+    pixels = (found.matches[AFTER].centre + np.array(found.pair.area[:2])).astype(float)
+    return found.pair.base.lonlat(pixels), np.array(found.pair.base.pixel_m())
 
 
 def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
@@ -250,21 +247,22 @@ def _make_layers(found: Sequence[PairMatches]) -> list[Layer]:
         lonlat, pixel_m = _window_positions(pair)
         for state, matches in pair.matches.items():
             count, shift = len(matches.centre), matches.shift_px
-            part = MisregistrationRows(
-                first=np.full(count, pair.pair.names[0]),
-                second=np.full(count, pair.pair.names[1]),
-                state=np.full(count, state),
-                outcome=np.array([misregistration.WindowOutcome(o).label for o in matches.outcome]),
-                dx_px=shift[:, 0],
-                dy_px=shift[:, 1],
-                shift_px=np.hypot(*shift.T),
-                east_m=shift[:, 0] * pixel_m[0],
-                north_m=-shift[:, 1] * pixel_m[1],
-                correlation=matches.correlation,
-                sigma_px=matches.sigma_px,
-            )
-            parts.append(part)
             places.append(lonlat)
+            parts.append(
+                MisregistrationRows(
+                    first=np.full(count, pair.pair.names[0]),
+                    second=np.full(count, pair.pair.names[1]),
+                    state=np.full(count, state),
+                    outcome=np.array([misregistration.WindowOutcome(o).label for o in matches.outcome]),
+                    dx_px=shift[:, 0],
+                    dy_px=shift[:, 1],
+                    shift_px=np.hypot(*shift.T),
+                    east_m=shift[:, 0] * pixel_m[0],
+                    north_m=-shift[:, 1] * pixel_m[1],
+                    correlation=matches.correlation,
+                    sigma_px=matches.sigma_px,
+                )
+            )
     fields = MisregistrationRows(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
     lonlat = np.concatenate(places)
     epsg = map_epsg_of(lonlat)
@@ -289,8 +287,7 @@ def _draw_maps(found: Sequence[PairMatches]) -> dict[str, Any]:
         name, maps, good = pair.pair.names[0], [], np.flatnonzero(pair.good)
         good = good[:: max(1, -(-len(good) // LISTS.rows))]
         for state, matches in pair.matches.items():
-            ortho = pair.pair.states[state][0].ortho
-            key = f"{name} {state}"
+            ortho, key = pair.pair.states[state][0].ortho, f"{name} {state}"
             if key not in pictures:
                 pictures[key] = read_picture(ortho.raster, name, len(pictures), LENGTH.picture_px)
             data = BlockMap(

@@ -116,8 +116,7 @@ def summarise(report: Report) -> str:
             + ("" if error is None else f", position error at most {error:.3f} px of {entry['checked']} checked")
             + (f", {entry['hidden_share']:.1%} of the ground is hidden" if "hidden_share" in entry else "")
         )
-    if "mosaic" in report:
-        entry = report["mosaic"]
+    if entry := report.get("mosaic"):
         lines.append(f"{MOSAIC_FILE}: {entry['columns']} x {entry['rows']} px, {entry['status']}")
     return "\n".join([*lines, *(f"warning: {text}" for text in report["warnings"])])
 
@@ -137,8 +136,7 @@ def check_ortho_folder(
     require_no_input([job.path for job in jobs], inputs)
     if options.folder.overwrite:
         return
-    others = [job.path for job in jobs if os.path.exists(job.path) and stamp_of(job.path) != job.key]
-    if others:
+    if others := [job.path for job in jobs if os.path.exists(job.path) and stamp_of(job.path) != job.key]:
         raise InputError(
             f"{others[0]} was made from other files or with other options: add `overwrite` or choose another directory"
         )
@@ -156,9 +154,8 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
     sizes = np.array([job.grid.columns * job.grid.rows for job in jobs], dtype=float)
     share = np.r_[0.0, np.cumsum(sizes) / sizes.sum()]
     entries: dict[str, Report] = {}
-    terrain, height, record = options.terrain, options.terrain.height, context.record
+    terrain, workers = options.terrain, options.workers
     missing = {job.key for job in jobs if stamp_of(job.path) != job.key}
-    workers = options.workers
     with open_calls(workers.scheduler if missing else None, certificates=workers.certificates) as calls:
         chunks = chunks_of([job for job in jobs if job.key in missing], options, calls)
         for number, job in enumerate(jobs):
@@ -173,12 +170,12 @@ def make_all(jobs: Sequence[OrthoJob], options: OrthorectifyOptions, context: Co
                 history = f"refined by {run}, model {made['HRSI_MODEL']}"
             # Metadata without the time: from the same files an orthoimage has the same bytes
             lineage = {
-                "HRSI_VERSION": record["version"],
-                "HRSI_ALGORITHM": record["algorithm"],
+                "HRSI_VERSION": context.record["version"],
+                "HRSI_ALGORITHM": context.record["algorithm"],
                 "HRSI_SOURCE": os.path.basename(job.image.path),
                 "HRSI_RPC": history,
                 "HRSI_RPC_SHA256": str(job.made_from["rpc"]),
-                "HRSI_TERRAIN": str(terrain.dem.dem or options.terrain_points or f"height {height:g} m"),
+                "HRSI_TERRAIN": str(terrain.dem.dem or options.terrain_points or f"height {terrain.height:g} m"),
             }
             try:
                 figures = write_orthoimage(

@@ -59,8 +59,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
         return plan_folder(options.folder, POINTS_FILE, counts, warnings, context)
     # One row for each point and image
     parts = [image.rpc.project(ground) for image in images]
-    xy = np.concatenate(parts)
-    inside = np.concatenate([is_on_image(image, part) for image, part in zip(images, parts, strict=True)])
+    xy, inside = np.concatenate(parts), np.concatenate(list(map(is_on_image, images, parts)))
     repeated = np.tile(ground, (len(images), 1))
     columns = {
         "id": np.tile(ids, len(images)), "image": np.repeat([image.id for image in images], len(ids)),
@@ -68,7 +67,7 @@ def run(options: ProjectOptions, context: Context) -> Report:
         "lon": repeated[:, 0], "lat": repeated[:, 1], "height": repeated[:, 2],
     }  # fmt: skip
     if options.points:
-        seen = set(columns["image"][columns["inside"]].tolist())
+        seen = set(columns["image"][inside].tolist())
         bare = [image.id for image in images if image.id not in seen]
         warnings += [f"no point lies on {list_ids(bare)}: check the CRS and the columns of the points"] if bare else []
     tell(warnings, context)

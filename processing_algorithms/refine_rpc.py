@@ -98,10 +98,10 @@ def summarise(report: Report) -> str:
     The table has check points if there are any, otherwise control points; its last column is the 2D error of each GCP
     predicted from the others.
     """
-    lines = []
-    for name, entry in report["image_models"].items():
-        reason = f" ({entry['choice']['reason']})" if entry["choice"] else ""
-        lines.append(f"{name}: {entry['model']}{reason}")
+    lines = [
+        f"{name}: {entry['model']}" + (f" ({entry['choice']['reason']})" if entry["choice"] else "")
+        for name, entry in report["image_models"].items()
+    ]
     lines.append("")
     if models := report.get("models"):
         role = "check" if any(entry["check"].get("points") for entry in models.values()) else "control"

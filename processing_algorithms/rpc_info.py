@@ -46,8 +46,7 @@ def run(options: RpcInfoOptions, context: Context) -> Report:
         # The lowest and highest ground, if the user gives its height
         given = options.terrain.dem.dem is not None or options.terrain.height is not None
         heights = view.terrain[:, 2] if given else np.zeros(0)
-        ground_range = (float(heights.min()), float(heights.max())) if heights.size else None
-        doubts = find_rpc_warnings(view.image, ground_range)
+        doubts = find_rpc_warnings(view.image, (float(heights.min()), float(heights.max())) if heights.size else None)
         tell(doubts, context)  # before the geometry, which a damaged RPC may not have
         warnings += doubts
         geometries.append(view.geometry())
@@ -89,12 +88,12 @@ def _list_operations(crs: str | None, views: Sequence[ViewDirection]) -> list[di
         return []
     operations = operations_of(crs)
     place = np.concatenate([view.centre for view in views])
-    uses = operations.uses_at("images", place)
-    taken = {use.number: use for use in uses}
-    rows = []
-    for number, operation in enumerate(operations.operations):
-        if number in taken or operation.covers(place).any():
-            rows.append(_operation_entry(operation, taken.get(number)))
+    taken = {use.number: use for use in operations.uses_at("images", place)}
+    rows = [
+        _operation_entry(operation, taken.get(number))
+        for number, operation in enumerate(operations.operations)
+        if number in taken or operation.covers(place).any()
+    ]
     rows += [
         _operation_entry(operation, None, missing=True)
         for operation in operations.unavailable
@@ -171,10 +170,9 @@ def summarise(report: Report) -> str:
         lines += ["", f"{'pair':{2 * width + 3}}   overlap        convergence    B/H"]
         for pair in report["pairs"]:
             overlap = f"{pair['overlap_first']:4.0%} / {pair['overlap_second']:4.0%}"
-            line = f"{pair['first']:{width}} - {pair['second']:{width}}   {overlap}"
+            lines.append(f"{pair['first']:{width}} - {pair['second']:{width}}   {overlap}")
             if pair["convergence_deg"] is not None:
-                line += f"   {pair['convergence_deg']:7.1f} deg   {pair['base_to_height']:6.3f}"
-            lines.append(line)
+                lines[-1] += f"   {pair['convergence_deg']:7.1f} deg   {pair['base_to_height']:6.3f}"
     if report["crs_operations"]:
         lines += ["", "         accuracy  coordinate operation to WGS84"]
         for row in report["crs_operations"]:

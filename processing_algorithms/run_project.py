@@ -48,8 +48,7 @@ RPC_TEXT = "_rpc.txt"  #: ending of a refined RPC without pixels
 def run(options: RunOptions, context: Context) -> Report:
     """Run the steps that have changed, and compile the report."""
     begun, project = time.monotonic(), read_project(options.project)
-    wrong = [step for step in options.steps or () if step not in FOLDERS]
-    if wrong:
+    if wrong := [step for step in options.steps or () if step not in FOLDERS]:
         raise InputError(f"`steps` names {wrong[0]!r}: the steps are {', '.join(FOLDERS)}")
     folder = options.output_dir or project.texts.get("output_dir") or os.path.join(project.folder, "result")
     images = resolve_images(project.shared["images"], lambda text: None)

@@ -68,8 +68,7 @@ def run(options: StripOptions, context: Context) -> Report:
         target = str(staged / file)
         if with_pixels:
             joined = join_images([part.path for part in parts], places.first, places.size)
-            form = OrthoFormat(options.format, options.compression)
-            lineage = _join_lineages(parts, places)
+            form, lineage = OrthoFormat(options.format, options.compression), _join_lineages(parts, places)
             warnings += save_image(joined, target, strip.rpc, form=form, lineage=lineage, progress=context.progress)
         else:
             write_rpc_text(target, strip.rpc)
@@ -85,8 +84,9 @@ def _join_lineages(parts: Sequence[Image], places: StripPlaces) -> Lineage:
     """Return the lineage of the strip: metadata that all parts share, and the RPC before their refinement."""
     told = [read_lineage(part) for part in parts]
     items = dict(set.intersection(*(set(lineage.items.items()) for lineage in told)))
-    listed = zip(parts, places.first.tolist(), strict=True)
-    items["HRSI_STRIP_PARTS"] = "; ".join(f"{os.path.basename(part.path)} {x},{y}" for part, (x, y) in listed)
+    items["HRSI_STRIP_PARTS"] = "; ".join(
+        f"{os.path.basename(part.path)} {x},{y}" for part, (x, y) in zip(parts, places.first.tolist(), strict=True)
+    )
     if all(lineage.original is None for lineage in told):
         return Lineage(items)
     before = [replace(part, rpc=one.original or part.rpc) for part, one in zip(parts, told, strict=True)]

@@ -87,8 +87,8 @@ class MatchedTiles:
     @cached_property
     def sigmas_m(self) -> np.ndarray:
         """Median standard deviation of each pair, (pairs,); infinite without heights."""
-        values = np.array(self.sigmas)
-        return np.array([np.median(one[np.isfinite(one)]) if np.isfinite(one).any() else np.inf for one in values.T])
+        known = [one[np.isfinite(one)] for one in np.array(self.sigmas).T]
+        return np.array([np.median(one) if one.size else np.inf for one in known])
 
     @cached_property
     def biases_m(self) -> np.ndarray:
@@ -130,8 +130,7 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
     form = OrthoFormat("cog", options.compression)
     lineage = {"HRSI_VERSION": report["version"], "HRSI_ALGORITHM": report["algorithm"]}
     with stage_results(options.folder, report, context, discarded=(str(store.folder),)) as staged:
-        path = str(staged / SURFACE_FILE)
-        progress = stage(context.progress, 0.85, 0.95)
+        path, progress = str(staged / SURFACE_FILE), stage(context.progress, 0.85, 0.95)
         write = partial(write_surface, form=form, lineage=lineage)
         write(path, block.grid, crs, names=SURFACE_BANDS, tiles=surface.tiles(), progress=progress)
         write_text(path.replace(".tif", ".qml"), STYLE)
@@ -142,8 +141,10 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
             path, names = str(staged / DIFFERENCE_FILE), ["surface - reference"]
             write(path, block.grid, block.grid.crs, names=names, tiles=parts, progress=progress)
             report["reference"] = {"path": options.reference, **compare.summary()}
-            difference = {"path": options.reference, "output": os.path.join(output, DIFFERENCE_FILE)}
-            report["images"]["difference"] = difference
+            report["images"]["difference"] = {
+                "path": options.reference,
+                "output": os.path.join(output, DIFFERENCE_FILE),
+            }
         report["seconds"] = {"total": round(time.monotonic() - start, 3)}
         if options.report:
             shown: list[tuple[str, GdalRaster]] = [("surface", ShadedSurface(str(staged / SURFACE_FILE)))]
@@ -212,8 +213,7 @@ class SurfaceBands:
 
 def choose_pairs(adjusted: AdjustedBlock, options: SurfaceModelOptions) -> list[StereoPair]:
     """Return the pairs to be matched; raise `InputError` with the geometry of all pairs if none is useful."""
-    pairs = adjusted.choose_pairs(options.dense.most_pairs)
-    if pairs:
+    if pairs := adjusted.choose_pairs(options.dense.most_pairs):
         return pairs
     angles = [
         f"{one.first} and {one.second}: convergence "
@@ -242,8 +242,8 @@ def list_date_warnings(adjusted: AdjustedBlock, pairs: Sequence[StereoPair]) -> 
 
 def plan_grid(adjusted: AdjustedBlock, pairs: Sequence[StereoPair], options: SurfaceModelOptions) -> DenseBlock:
     """Return the images of the pairs, and the map grid of the surface."""
-    area = adjusted.common_area(list(pairs))
-    outline = np.pad(np.array(area.convex_hull.exterior.coords)[:, :2], ((0, 0), (0, 1)))
+    area = adjusted.common_area(list(pairs)).convex_hull
+    outline = np.pad(np.array(area.exterior.coords)[:, :2], ((0, 0), (0, 1)))
     crs = choose_map_crs(outline, options.crs)
     map_crs = pyproj.CRS.from_wkt(crs)
     if not map_crs.is_projected:
@@ -282,22 +282,22 @@ def match_tiles(
         advance(context.progress, 0.0, "coarse surface")
         heights = adjusted.points.ground[:, 2]
         coarse = match_coarse_surface(block, heights[np.isfinite(heights)])
-        jobs = []
-        for window in windows:
-            if (limit := limit_search(block, coarse, window)) is not None:
-                key = digest(VERSION, mark, block.pairs, block.grid, list(window), *limit)
-                jobs.append(TileJob(key, block, window, *limit))
+        limited = [(window, limit_search(block, coarse, window)) for window in windows]
+        jobs = [
+            TileJob(digest(VERSION, mark, block.pairs, block.grid, list(window), *limit), block, window, *limit)
+            for window, limit in limited
+            if limit is not None
+        ]
         tiles = MatchedTiles(store)
         missing = [job for job in jobs if store.load(job.key) is None]
-        workers = options.workers
-        with open_calls(workers.scheduler if missing else None, certificates=workers.certificates) as calls:
+        scheduler = options.workers.scheduler if missing else None
+        with open_calls(scheduler, certificates=options.workers.certificates) as calls:
             for number, (job, tile) in enumerate(zip(missing, calls.answers(_match_job, missing), strict=True)):
                 store.save(job.key, tile._asdict())
-                share = (number + 1) / len(missing)
-                advance(context.progress, share, f"matching tiles ({number + 1} of {len(missing)})")
+                done, count = number + 1, len(missing)
+                advance(context.progress, done / count, f"matching tiles ({done} of {count})")
         for job in jobs:
-            stored_tile = store.load(job.key)
-            if stored_tile is not None:
+            if (stored_tile := store.load(job.key)) is not None:
                 tiles.add(job, PairHeights(**stored_tile))
     if not tiles.jobs or np.isnan(tiles.sigmas).all():
         raise SolveError("no pair gives a height: check `extent`, the pixels of the images, and the adjustment")

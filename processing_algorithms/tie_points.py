@@ -71,8 +71,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
             Layer(TIES_LAYER, "PointZ", WGS84_3D, found.ground, points),
             Layer(MEASUREMENTS_LAYER, "PointZ", WGS84_3D, found.ground[track], measured),
         ]
-        styles = default_styles(layers[:1])
-        write_geopackage(str(folder / TIES_FILE), layers, styles)
+        write_geopackage(str(folder / TIES_FILE), layers, default_styles(layers[:1]))
         write_columns(str(folder), rows)
         names = {"layers": TIES_FILE, "columns": COLUMNS_FILE}
         if options.csv:

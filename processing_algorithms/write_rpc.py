@@ -99,20 +99,18 @@ def _plan_jobs(options: WriteRpcOptions, inputs: Sequence[str]) -> list[WriteJob
     """Return the outputs to be written; raise `InputError` before anything is written."""
     if options.write in _NEEDS_FOLDER and not options.output_dir:
         raise InputError(f"`write` {options.write} needs `output_dir`: name a directory for the results")
-    jobs = []
+    jobs, given = [], options.rpc
+    if given and len(options.images) > 1 and not os.path.isdir(given):
+        raise InputError(
+            f"`rpc` {given} is the RPC of one image: give one image, or a folder of files named like images"
+        )
     for path in options.images:
         # An RPC file alone has no pixels: it becomes a sidecar
-        how = (
-            "sidecar" if options.write in _NEEDS_FOLDER and rpc_files.rpc_reader_of(path) is not None else options.write
-        )
+        is_bare = options.write in _NEEDS_FOLDER and rpc_files.rpc_reader_of(path) is not None
+        how = "sidecar" if is_bare else options.write
         suffix, folder = OUTPUT_ENDINGS[how], options.output_dir or os.path.dirname(path)
         output = path if suffix is None else os.path.join(folder, image_id(path) + suffix)
         # The RPC to be written: that of `rpc`, otherwise the image's own
-        given = options.rpc
-        if given and len(options.images) > 1 and not os.path.isdir(given):
-            raise InputError(
-                f"`rpc` {given} is the RPC of one image: give one image, or a folder of files named like images"
-            )
         file = rpc_files.rpc_in_folder(given, path) if given and os.path.isdir(given) else given
         found = rpc_files.rpc_for_image(file, path) if file else rpc_files.read_rpc(path)
         _require_place(path, found, is_given=bool(file))
