@@ -27,7 +27,7 @@ from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.interface.declare import fill_options
 from hrsi.processing_algorithms.interface.options import check_options
-from hrsi.processing_algorithms.laboratory.simulation_steps.inputs import make_views
+from hrsi.processing_algorithms.laboratory.simulate import make_views
 
 PAGE = DOCS / "protocols/tie_sigmas.md"
 REAL = {

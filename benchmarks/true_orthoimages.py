@@ -25,7 +25,7 @@ from hrsi.hrsi_engine.laboratory.simulation.synthesis import BlockSimulation, si
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.interface.declare import fill_options
 from hrsi.processing_algorithms.laboratory.declarations.simulate import SimulateOptions
-from hrsi.processing_algorithms.laboratory.simulation_steps.inputs import make_views
+from hrsi.processing_algorithms.laboratory.simulate import make_views
 
 SEEDS = (11, 21, 22)
 CITY: dict[str, Any] = {

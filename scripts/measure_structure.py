@@ -53,7 +53,7 @@ PARTS = ("hrsi_engine", "processing_algorithms", "plugin")
 #: The states which the page compares with: before there were rooms, and before the rooms were put in order by topic.
 BEFORE = ("54ff169", "7ae5dd3")
 #: Modules and folders that make up the laboratory, today or under an earlier name; a path that has one belongs to it.
-LABORATORY = {"laboratory", "simulation", "simulation_steps", "simulated_block", "simulate", "register"}
+LABORATORY = {"laboratory", "simulation", "simulated_block", "simulate", "register"}
 LABORATORY |= {"registration", "registration_options"}
 #: Rooms of the engine whose inside is measured too.
 LOOKED_INTO = ("hrsi_engine.io", "hrsi_engine.adjustment")

@@ -267,7 +267,6 @@ HELP, HELP_ALL, JSON_USAGE = {"--help", "-h"}, "--help-all", "--json-usage"
 
 def version_page() -> str:
     """Return the version of HRSI, followed by those of the libraries that can be loaded."""
-    lines = {}
     try:
         from ...hrsi_engine.io.catalogue.lineage import versions
 

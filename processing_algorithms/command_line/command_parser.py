@@ -93,8 +93,8 @@ def algorithm_parser(algorithm: Algorithm, groups: Mapping[str, Sequence[Param]]
                 lines.append("    ")
             lines[-1] += f"{part} "
     paragraphs = [algorithm.summary, "\n".join(line.rstrip() for line in lines)]
-    for text in spell_arguments(algorithm.help, algorithm.params).split("\n\n"):
-        paragraphs.append(textwrap.fill(" ".join(text.split()), _help_width()))
+    texts = spell_arguments(algorithm.help, algorithm.params).split("\n\n")
+    paragraphs += [textwrap.fill(" ".join(text.split()), _help_width()) for text in texts]
     parser = CommandParser(
         prog,
         usage=f"{prog} [options]{images}",
@@ -113,13 +113,11 @@ def algorithm_parser(algorithm: Algorithm, groups: Mapping[str, Sequence[Param]]
 
 def help_page(algorithm: Algorithm, whole: bool = False) -> str:
     """Return the page of ``--help``: examples and the most common options; with ``whole`` all options, in groups."""
-    listed: dict[str, Sequence[Param]] = {**sections(algorithm.params)}
-    quiet = [param for param in LINE_PARAMS if param.key == "quiet"]
-    images, output = listed.get(IMAGES_TITLE, ()), [*listed.get(OUTPUT_TITLE, ()), *quiet]
-    groups = listed
+    groups: dict[str, Sequence[Param]] = {**sections(algorithm.params)}
     if not whole:
-        apart = (IMAGES_TITLE, OUTPUT_TITLE, COMMON)
-        others = [param for title, params in listed.items() if title not in apart for param in params]
+        quiet = [param for param in LINE_PARAMS if param.key == "quiet"]
+        images, output = groups.pop(IMAGES_TITLE, ()), [*groups.pop(OUTPUT_TITLE, ()), *quiet]
+        others = [param for title, params in groups.items() if title != COMMON for param in params]
         chosen = [param for name in algorithm.main for param in others if param.name == name]
         shown = chosen or sorted((one for one in others if not one.advanced), key=lambda one: not one.required)
         groups = {
@@ -128,8 +126,8 @@ def help_page(algorithm: Algorithm, whole: bool = False) -> str:
             OUTPUT_TITLE: output,
         }
     page = algorithm_parser(algorithm, {title: params for title, params in groups.items() if params}).format_help()
-    number = len(algorithm.params) + len(LINE_PARAMS)
-    more = f"all {number} options: hrsi {algorithm.name} --help-all" if not whole else "for programs: --json-usage"
+    count = len(algorithm.params) + len(LINE_PARAMS)
+    more = "for programs: --json-usage" if whole else f"all {count} options: hrsi {algorithm.name} --help-all"
     return f"{page}\n{more}\n"
 
 
@@ -149,13 +147,12 @@ def json_usage(algorithm: Algorithm) -> dict[str, Any]:
 
 def add_option(section: argparse._ArgumentGroup, param: Param, params: Sequence[Param]) -> None:
     """Add a declared option to the parser; the parsed result contains its key only if the option is given."""
-    positional = param.kind in POSITIONAL_KINDS
     settings = {"help": option_help(param, params), **SPELLING.get(param.kind, {})}
     if param.kind is not Kind.FLAG:
         settings["metavar"] = value_name(param)
-    if not positional:
-        settings["dest"] = param.key
-    words = [param.key] if positional else [*SHORT.get(param.key, []), f"--{param.name}"]
+    words = [param.key]
+    if param.kind not in POSITIONAL_KINDS:
+        words, settings["dest"] = [*SHORT.get(param.key, []), f"--{param.name}"], param.key
     section.add_argument(*words, default=argparse.SUPPRESS, **settings)
 
 

@@ -28,15 +28,13 @@ class Offer(NamedTuple):
 def completion_script(shell: str, registry: Mapping[str, Algorithm]) -> str:
     """Return the completion script of ``hrsi`` for a shell; raise `InputError` for an unknown shell."""
     if shell not in SHELLS:
-        near = suggestion(shell, SHELLS)
-        raise InputError(f"there is no completion for {shell!r}{near}: give {', '.join(SHELLS)}")
+        raise InputError(f"there is no completion for {shell!r}{suggestion(shell, SHELLS)}: give {', '.join(SHELLS)}")
     return SHELLS[shell](registry)
 
 
 def offer_of(param: Param) -> Offer:
     """Return the completions of an option's value."""
-    named = set(param.metavar.split("|")) & {"FILE", "DIR"}
-    files = param.kind in READ_KINDS or bool(named)
+    files = param.kind in READ_KINDS or bool(set(param.metavar.split("|")) & {"FILE", "DIR"})
     return Offer((*param.choices, *param.words), files, param.kind in _FOLDER_KINDS)
 
 
@@ -102,8 +100,7 @@ def _zsh_script(registry: Mapping[str, Algorithm]) -> str:
             value = "" if param.kind is Kind.FLAG else f":{_zsh_text(value_name(param))}:{action}"
             specs += [f"{word}[{text}]{value}" for word in _option_words(param)]
         specs.append("*:file:_files")
-        listed = " \\\n      ".join(map(shlex.quote, specs))
-        cases.append(f"    {name}) _arguments \\\n      {listed} ;;")
+        cases.append(" \\\n      ".join([f"    {name}) _arguments", *map(shlex.quote, specs)]) + " ;;")
     return read_template("hrsi.zsh").format(
         commands="\n".join(commands), cases="\n".join(cases), algorithms=" ".join(registry), shells=" ".join(SHELLS)
     )

@@ -32,13 +32,9 @@ def read_past_run(words: Sequence[str], registry: Mapping[str, Algorithm]) -> tu
     algorithm = find_algorithm(registry, report["algorithm"])
     places = _MovedPaths(path, report)
     given = {key: value for key, value in report["options"].items() if key not in ONCE}
+    again = [param for param in algorithm.params if HIDDEN in str(given.get(param.key))]
     typed = algorithm_parser(algorithm).parse_words(words[1:])
-    hidden = [
-        option_label(param)
-        for param in algorithm.params
-        if param.key not in typed and HIDDEN in str(given.get(param.key))
-    ]
-    if hidden:
+    if hidden := [option_label(param) for param in again if param.key not in typed]:
         raise InputError(f"{path}: keeps no passwords: give {' and '.join(hidden)} again")
     for param in algorithm.params:
         names_files = param.kind in (*READ_KINDS, Kind.FOLDERS) or {"FILE", "DIR"} & set(param.metavar.split("|"))
@@ -80,8 +76,8 @@ class _MovedPaths:
     def _candidates(self, path: str) -> Iterator[str]:
         if os.path.isabs(path):
             yield path
-            for old, new in itertools.pairwise(self._folders):  # absolute, below the moved folder
-                yield os.path.join(new, os.path.relpath(path, old))
+            # Absolute, below the moved folder
+            yield from (os.path.join(new, os.path.relpath(path, old)) for old, new in itertools.pairwise(self._folders))
         else:
             yield from (os.path.join(folder, path) for folder in self._folders)
 
@@ -110,9 +106,8 @@ class _MovedPaths:
 
     def find_changes(self) -> Iterator[tuple[str, str]]:
         """Yield the inputs that have changed since the earlier run, with the kind of change."""
-        for entry in self._report.get("inputs") or ():
-            if not isinstance(entry, dict) or not isinstance(entry.get("path"), str):
-                continue
+        entries = [entry for entry in self._report.get("inputs") or () if isinstance(entry, dict)]
+        for entry in [entry for entry in entries if isinstance(entry.get("path"), str)]:
             path = self.file(entry["path"])
             if path.startswith("/vsi"):
                 continue

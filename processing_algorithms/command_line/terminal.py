@@ -31,8 +31,7 @@ class TerminalProgress:
     def progress(self, fraction: float, message: str = "") -> bool:
         """Write the ticks up to ``fraction``; never cancels."""
         reached = min(max(int(fraction * _TICKS + 1e-9), 0), _TICKS - 1)  # the last tick is written by `finish`
-        new = "".join(map(_tick_text, range(self._ticks + 1, reached + 1)))
-        if new:
+        if new := "".join(map(_tick_text, range(self._ticks + 1, reached + 1))):
             self._ticks = reached
             self._write(new)
         return True
@@ -94,14 +93,12 @@ class LiveTerminal(TerminalProgress):
     def finish(self) -> None:
         """Replace the line by the duration of the run."""
         if self._drawn_at >= 0.0:
-            self._erase()
-            self._write(f"done in {spell_duration(self._now() - self._start)}\n", line_open=False)
+            self._write(f"\r\x1b[Kdone in {spell_duration(self._now() - self._start)}\n", line_open=False)
 
     def break_line(self) -> None:
         """Erase the line; the next text is written in its place."""
         if self._line_open:
-            self._erase()
-            self._line_open = False
+            self._write("\r\x1b[K", line_open=False)
 
     def log(self, message: str) -> None:
         """Write a message above the line."""
@@ -117,16 +114,12 @@ class LiveTerminal(TerminalProgress):
             self._drawn = line
             self._write(f"\r{line}\x1b[K")
 
-    def _erase(self) -> None:
-        self._write("\r\x1b[K")
-
 
 def progress_line(message: str, fraction: float, elapsed_s: float, columns: int) -> str:
     """Return one line of progress for a number of columns: message, bar, percentage, remaining time."""
     columns -= 1  # a full line would wrap
-    rest = ""
-    if fraction >= EQUALITY.negligible:
-        rest = f" {spell_duration(elapsed_s * (1.0 - fraction) / fraction)} left"
+    is_known = fraction >= EQUALITY.negligible
+    rest = f" {spell_duration(elapsed_s * (1.0 - fraction) / fraction)} left" if is_known else ""
     tail = f"{int(100 * fraction + 1e-9):3d} %{rest:<{_REST_COLUMNS}}"
     bar = (columns - len(tail)) // 3
     if bar > 0:
@@ -148,10 +141,8 @@ def spell_duration(seconds: float) -> str:
 
 def terminal_of(stream: TextIO, quiet: bool) -> TerminalProgress:
     """Return the progress writer of a stream: silent if ``quiet``, a live line on a terminal, else GDAL's ticks."""
-    if quiet:
-        return SilentTerminal(stream)
-    is_live = stream.isatty() and os.environ.get("TERM", "") != "dumb"
-    return LiveTerminal(stream) if is_live else TerminalProgress(stream)
+    is_live = not quiet and stream.isatty() and os.environ.get("TERM", "") != "dumb"
+    return (SilentTerminal if quiet else LiveTerminal if is_live else TerminalProgress)(stream)
 
 
 def _columns_of(stream: TextIO) -> int:

@@ -98,8 +98,8 @@ def _camera_of(given: Any) -> RPC | None:
 
 
 def _image(given: Any) -> str:
-    camera = _camera_of(given)
-    if camera is None:
+    """Return the path of an image, also of one in memory: a path object with its name."""
+    if (camera := _camera_of(given)) is None:
         return path_of(given)
     return ImageInMemory(given if isinstance(given, Image) else Image("image", camera, getattr(given, "size", None)))
 
@@ -117,18 +117,16 @@ def convert_options(algorithm: Algorithm, given: Mapping[str, Any]) -> dict[str,
 
     None in ``given`` means not given. A `Block` given as images adds its points.
     """
-    options = {key: value for key, value in given.items() if value is not None}
     kinds = {param.key: param.kind for param in algorithm.params}
-    options = {key: _convert_results(value, kinds.get(key)) for key, value in options.items()}
+    options = {key: _convert_results(value, kinds.get(key)) for key, value in given.items() if value is not None}
     if isinstance(block := options.get("images"), Block):
         # Its known points and all its measurements, as the options for them
         known, rows = block.points.select(block.known), block.measurements
         names = np.array([image.id for image in block.images])
         ids = block.points.ids[rows.point]
         measured = ImagePoints(ids, names[rows.image], rows.xy, rows.sigma_px, rows.kind, rows.quality)
-        brought = {"gcps": known if len(known) else None, "image_points": measured}
-        given = {key: value for key, value in brought.items() if key in kinds and value is not None}
-        options = {**given, **options, "images": block.images}
+        brought = {**({"gcps": known} if len(known) else {}), "image_points": measured}
+        options = {key: brought[key] for key in brought if key in kinds} | options | {"images": block.images}
     return {
         key: TAKEN[kinds[key]](value) if key in kinds and kinds[key] in TAKEN else value
         for key, value in options.items()
@@ -189,11 +187,11 @@ def make_call(algorithm: Algorithm) -> Callable[..., Result]:
         try:
             given = signature.bind(*positional, **named).arguments
         except TypeError as error:
-            unknown = next((key for key in named if key not in signature.parameters), None)
-            if unknown is None:
-                raise TypeError(f"hrsi.{call.__name__}: {error}") from None
-            near = suggestion(unknown, signature.parameters)
-            raise TypeError(f"hrsi.{call.__name__} has no parameter {unknown}{near}") from None
+            unknown = [
+                f"{key}{suggestion(key, signature.parameters)}" for key in named if key not in signature.parameters
+            ]
+            reason = f" has no parameter {unknown[0]}" if unknown else f": {error}"
+            raise TypeError(f"hrsi.{call.__name__}{reason}") from None
         progress: Progress = given.pop("progress", None) or silent
         context = Context(progress, lambda text: _log.info(_spell_message(text, algorithm)))
         kept = None
@@ -320,8 +318,7 @@ def _read_array_call(
     rows = np.atleast_2d(given)
     if rows.ndim != 2 or rows.shape[1] not in (2, 3):
         raise InputError(f"points has the shape {given.shape}: give (n, 2 or 3), {what}")
-    unknown = [key for key in options if key not in TERRAIN]
-    if unknown:
+    if unknown := [key for key in options if key not in TERRAIN]:
         raise InputError(f"{name} of arrays has no parameter {unknown[0]}: it has {', '.join(TERRAIN)}")
     algorithm = REGISTRY[name]
     checked = check_options(algorithm, convert_options(algorithm, {"images": "image", **options}), PYTHON)
@@ -348,8 +345,7 @@ def signature_of(algorithm: Algorithm) -> inspect.Signature:
         )
         for param in sort_parameters(algorithm)
     ]
-    progress = inspect.Parameter(PROGRESS, inspect.Parameter.KEYWORD_ONLY, default=None)
-    return inspect.Signature([*parameters, progress])
+    return inspect.Signature([*parameters, inspect.Parameter(PROGRESS, inspect.Parameter.KEYWORD_ONLY, default=None)])
 
 
 def sort_parameters(algorithm: Algorithm) -> list[Param]:
@@ -376,8 +372,7 @@ def describe_call(algorithm: Algorithm) -> str:
         facts = [fact for fact in value_facts(param) if fact != "required"]
         kind = " or ".join(KINDS[param.kind].described.split(" | "))
         entries.append(f"{param.key} : {kind}{'' if _is_needed(param) else ', optional'}")
-        stated = f" ({'; '.join(facts)})" if facts else ""
-        entries += _wrap_text(f"{text}{stated}.", "    ")
+        entries += _wrap_text(f"{text} ({'; '.join(facts)})." if facts else f"{text}.", "    ")
     given = any(param.key == "output_dir" for param in algorithm.params)
     folder_note = "Without ``output_dir`` they go when the result does." if given else ""
     wrapped, described = "\n".join(_wrap_text(told, "")), "\n".join(entries)
@@ -404,10 +399,9 @@ HrsiError
 
 
 def _wrap_text(text: str, indent: str) -> list[str]:
-    lines: list[str] = []
-    for paragraph in text.split("\n\n"):
-        lines += ["", *textwrap.wrap(paragraph, 100, initial_indent=indent, subsequent_indent=indent)]
-    return lines[1:]
+    """Return the lines of paragraphs, with an empty line between them."""
+    wrapped = [textwrap.fill(part, 100, initial_indent=indent, subsequent_indent=indent) for part in text.split("\n\n")]
+    return "\n\n".join(wrapped).splitlines()
 
 
 DECLARED = {function_name(name): make_call(algorithm) for name, algorithm in REGISTRY.items()}

@@ -112,8 +112,9 @@ class Result:
         """
         entry = self.report.get("steps", {}).get(name)
         if self.folder is None or not self.is_project or entry is None or "files" not in entry:
-            why = f": {entry['told']}" if entry else ""
-            raise InputError(f"{self.algorithm} has no result of a step {name!r}{why}")
+            raise InputError(
+                f"{self.algorithm} has no result of a step {name!r}" + (f": {entry['told']}" if entry else "")
+            )
         return read_result(self.folder / FOLDERS[name])
 
     # ---- tables ------------------------------------------------------------------------------------------------------
@@ -159,8 +160,9 @@ class Result:
         """The adjusted ground points with standard deviations; for `project` and `localize` their results."""
         listed = self.report.get("points")
         if self.folder is None and isinstance(listed, list):
-            names = listed[0].keys() if listed else ()
-            frame = _make_frame({name: _column([row[name] for row in listed]) for name in names})
+            frame = _make_frame(
+                {name: _column([row[name] for row in listed]) for name in (listed[0] if listed else ())}
+            )
             return frame if self._located is None else self._locate(frame)
         return self._short("points")
 
@@ -237,13 +239,11 @@ class Result:
     # ---- display -----------------------------------------------------------------------------------------------------
 
     def _headline(self) -> str:
-        verdict = self.report.get("verdict")
-        if verdict:
+        if verdict := self.report.get("verdict"):
             return f"{verdict['level']}: {self._spell_text(verdict['sentence'])}"
         if isinstance(listed := self.report.get("points"), list):
             return f"{len(listed)} points" + (f" with {', '.join(listed[0])}" if listed else "")
-        lines = self.summary().strip().splitlines()
-        return lines[0] if lines else "done"
+        return self.summary().strip().partition("\n")[0] or "done"
 
     def __repr__(self) -> str:
         line = self._headline()
@@ -254,10 +254,11 @@ class Result:
         parts = [f"<p><b>{html.escape(self.algorithm)}</b> {html.escape(self._headline())}</p>"]
         if self.reasons:
             told = (
-                f"{html.escape(self._spell_text(r['message']))} <i>{html.escape(self._spell_text(r['advice']))}</i>"
+                f"<li>{html.escape(self._spell_text(r['message']))} "
+                f"<i>{html.escape(self._spell_text(r['advice']))}</i></li>"
                 for r in self.reasons
             )
-            parts.append(f"<ul>{''.join(f'<li>{text}</li>' for text in told)}</ul>")
+            parts.append(f"<ul>{''.join(told)}</ul>")
         rows = [(role, self.report[role]) for role in ("control", "check") if self.report.get(role, {}).get("points")]
         if rows:
             keys = [key for key in rows[0][1] if key.startswith("rmse_")]
@@ -329,8 +330,7 @@ def plot_block(folder: Path) -> Any:
     for axis, residual, title in zip(axes, (before, after), ("before", "after"), strict=True):
         _draw_map(axis, footprints, place, residual, title)
         for role in dict.fromkeys(table["role"].tolist()):
-            rows = table["role"] == role
-            axis.plot(*place[rows, :2].T, ".", markersize=4.0, label=role)
+            axis.plot(*place[table["role"] == role, :2].T, ".", markersize=4.0, label=role)
     axes[0].set_ylabel("latitude")
     axes[1].legend(loc="best", fontsize="small")
     return figure

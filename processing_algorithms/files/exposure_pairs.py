@@ -28,8 +28,7 @@ def pair_exposures(images: Sequence[Image], colour_paths: Sequence[str]) -> tupl
     pan, colour = ([image for image in images if (image.path in files) == wanted] for wanted in (False, True))
     pairs = {}
     for image in pan:
-        common = [(_measure_overlap(image, other), number) for number, other in enumerate(colour)]
-        area, number = max(common, default=(0.0, 0))
+        area, number = max(((_measure_overlap(image, other), k) for k, other in enumerate(colour)), default=(0.0, 0))
         if not area:
             raise InputError(
                 f"{image.id}: `pansharpen` names no multispectral image of its exposure: by their RPCs none of the "
@@ -81,17 +80,16 @@ def add_colour(job: OrthoJob, image: Image, plan: BlockPlan, options: Orthorecti
             f"{image.id}: is displaced by {shift_px:.1f} px against {job.image.id}, and colours too: triangulate the "
             "images of an exposure together"
         )
-    made_from = {
-        **job.made_from,
-        "nodata": str(nodata),
-        "colour": identify_image(image, mapping),
-        "weights": list(weights),
-    }
     return replace(
         job,
         path=os.path.join(options.folder.output_dir, job.image.id + SHARPENED_ENDING),
         source=source,
         warp=replace(job.warp, nodata=nodata),
-        made_from=made_from,
+        made_from={
+            **job.made_from,
+            "nodata": str(nodata),
+            "colour": identify_image(image, mapping),
+            "weights": list(weights),
+        },
         pansharpening=replace(sharpening, weights=weights),
     )

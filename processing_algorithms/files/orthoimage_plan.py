@@ -135,9 +135,8 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
             raise InputError(f"{seen[image.id]} and {image.path} would both become {image.id}_ortho.tif: rename one")
         seen[image.id] = image.path
     below = {image.id: map_grids.find_terrain_points(image, terrain.surface) for image in images}
-    for name, ground in below.items():
-        if not len(ground):
-            raise InputError(f"{name}: the DEM has no heights where the image lies: use a DEM that covers it")
+    if bare := [name for name, ground in below.items() if not len(ground)]:
+        raise InputError(f"{bare[0]}: the DEM has no heights where the image lies: use a DEM that covers it")
     gsd = {image.id: map_grids.compute_ground_sample_m(image, below[image.id]) for image in images}
     ground, finest_m = np.concatenate(list(below.values())), min(gsd.values())
     crs = map_grids.choose_map_crs(ground, options.crs)
@@ -171,8 +170,7 @@ def plan_block(images: Sequence[Image], terrain: Terrain, options: OrthorectifyO
 def label_crs(wkt: str) -> str:
     """Return the EPSG code of a CRS (``EPSG:32631``), or its name if it has none."""
     crs = pyproj.CRS.from_wkt(wkt)
-    code = crs.to_epsg()
-    return f"EPSG:{code}" if code else str(crs.name)
+    return f"EPSG:{code}" if (code := crs.to_epsg()) else str(crs.name)
 
 
 def _terrain_warnings(images: Sequence[Image], terrain: Terrain, below: Mapping[str, np.ndarray]) -> list[str]:
@@ -294,7 +292,7 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
         mapping = make_mapping(image, source, plan, grid, options, jitter_files)
         warp = Warp(options.resampling, mapping.source_pixels_per_pixel(), choose_nodata(options.nodata, source))
         # All data on which the pixels and the file depend
-        made_from = {
+        made_from: dict[str, Any] = {
             "terrain": plan.terrain.identity,
             "crs": grid.crs,
             "grid": [grid.resolution, grid.left, grid.top, grid.columns, grid.rows],
@@ -305,9 +303,8 @@ def jobs_of(plan: BlockPlan, options: OrthorectifyOptions) -> list[OrthoJob]:
             "compression": form.compression,
             "versions": {name: used[name] for name in DECISIVE},
             **identify_image(image, mapping),
+            **({"visibility": True} if options.visibility else {}),
         }
-        if options.visibility:
-            made_from["visibility"] = True
         path = os.path.join(options.folder.output_dir, image.id + ENDING)
         jobs.append(OrthoJob(image, path, source, mapping=mapping, warp=warp, form=form, made_from=made_from))
     return jobs
@@ -328,14 +325,12 @@ def make_mapping(
             jitter_files[path] = JitterFile(path)
         jitter, told = jitter_files[path].find_curve(image.id, image.rpc)
         plan.warnings.extend([told] if told else [])
-    terrain = plan.terrain_points.get(image.id)
-    if terrain is None:
-        terrain = map_grids.find_terrain_points(image, plan.terrain.surface)
+    known = plan.terrain_points.get(image.id)
     return OrthoMapping(
         image.rpc,
         source.size,
         plan.terrain.surface,
-        terrain=terrain,
+        terrain=map_grids.find_terrain_points(image, plan.terrain.surface) if known is None else known,
         grid=grid,
         error_px=options.error_px,
         jitter=jitter,
@@ -397,13 +392,11 @@ def recipe_of(job: OrthoJob, options: OrthorectifyOptions) -> OrthoRecipe:
     """Return the data of a job for other processes: file names that are valid there, and no opened files."""
     terrain = options.terrain
     dem = replace(terrain.dem, dem=_elsewhere(terrain.dem.dem), dem_datum=_elsewhere(terrain.dem.dem_datum))
-    datum = path_elsewhere(terrain.height_datum)
-    points = options.terrain_points
+    datum, points, used = path_elsewhere(terrain.height_datum), options.terrain_points, versions()
     if points is not None:
         file, _ = split_spec(points)
         points = path_elsewhere(file) + points[len(file) :]
     named = replace(options, images=(), terrain=replace(terrain, dem=dem, height_datum=datum), terrain_points=points)
-    used = versions()
     return OrthoRecipe(
         job.key,
         path_elsewhere(job.image.path),
@@ -419,14 +412,12 @@ def _elsewhere(path: str | None) -> str | None:
 
 
 def _chunk_elsewhere(part: tuple[OrthoRecipe, map_grids.GridWindow]) -> orthoimages.OrthoChunk:
-    recipe, window = part
-    used = versions()
-    for name, version in recipe.versions.items():
-        if used[name] != version:
-            raise InputError(
-                f"{name} {used[name]} where {version} is wanted: orthoimages would differ from chunk to chunk: install "
-                "the same version everywhere"
-            )
+    """Return a chunk of a recipe; raise `InputError` if another version of a program would make it otherwise."""
+    (recipe, window), used = part, versions()
+    if others := [f"{name} {used[name]} where {text}" for name, text in recipe.versions.items() if used[name] != text]:
+        raise InputError(
+            f"{others[0]} is wanted: orthoimages would differ from chunk to chunk: install the same version everywhere"
+        )
     source, mapping = _open_recipe(recipe)
     return orthoimages.make_chunk(source, mapping.chunk, recipe.warp, window)
 

@@ -222,9 +222,8 @@ def _cut(values: np.ndarray, box: GridWindow, window: GridWindow) -> np.ndarray:
 def _make_seamlines(plan: MosaicPlan, labels: LabelFile) -> Layer:
     """Return the layer of the areas of each image, in the CRS of the mosaic, or in WGS84 if it has no EPSG code."""
     areas = labels.find_areas()
-    numbers, polygons = [number for number, _ in areas], [polygon for _, polygon in areas]
-    code = pyproj.CRS.from_wkt(plan.grid.crs).to_epsg()
-    if code is None:
+    polygons = [polygon for _, polygon in areas]
+    if (code := pyproj.CRS.from_wkt(plan.grid.crs).to_epsg()) is None:
         to_wgs84 = operations_of(plan.grid.crs).to_wgs84
         polygons = [
             transform(lambda x, y: to_wgs84(np.array([x, y, np.zeros(len(x))]).T)[:, :2].T, polygon)
@@ -232,6 +231,6 @@ def _make_seamlines(plan: MosaicPlan, labels: LabelFile) -> Layer:
         ]
     rows = [
         {"id": plan.jobs[number].image.id, "path": plan.jobs[number].path, "incidence_deg": plan.incidence_deg[number]}
-        for number in numbers
+        for number, _ in areas
     ]
     return Layer(SEAMLINES_LAYER, "Polygon", code or WGS84, polygons, SeamlineRows.of_entries(rows))

@@ -131,13 +131,8 @@ MOST_IMAGES = 12  # of a block: more would cover each other
 
 def list_written_layers(folder: str, layers: Iterable[str]) -> list[str]:
     """Return the sources (``FILE|layername=L``) of those layers below a folder that exist."""
-    sources = [os.path.join(folder, layer) for layer in layers]
-    parts = [source.partition("|layername=") for source in sources]
-    return [
-        source
-        for source, (path, _, name) in zip(sources, parts, strict=True)
-        if os.path.exists(path) and name in layer_names(path)
-    ]
+    parts = [os.path.join(folder, layer).partition("|layername=") for layer in layers]
+    return ["".join(part) for part in parts if os.path.exists(part[0]) and part[2] in layer_names(part[0])]
 
 
 def write_quick_looks(report: dict[str, Any], folder: str) -> None:
@@ -173,16 +168,15 @@ def write_folder_map(shown: Mapping[str, Any], folder: str) -> list[str]:
         outlines = [compute_footprint(image, image.middle_height_m) for image in images]
         columns = {"id": np.array([image.id for image in images]), "path": np.array([image.path for image in images])}
         layers = [Layer("images", "Polygon", WGS84, outlines, columns)]
-        points = shown["points"]
+        points, path = shown["points"], os.path.join(folder, "folder.gpkg")
         if points["id"]:
             texts = {key: np.array(points[key]) for key in ("id", "file")}
             layers.append(Layer("ground_points", "PointZ", WGS84_3D, np.array(points["position"]), texts))
-        path = os.path.join(folder, "folder.gpkg")
         write_geopackage(path, layers)
-        quick_looks = []
-        for image in [image for image in images if image.raster is not None][:MOST_IMAGES]:
-            quick_looks.append(os.path.join(folder, f"{image.id}.tif"))
-            write_quick_look(image, image.rpc, image.middle_height_m, quick_looks[-1])
+        with_pixels = [image for image in images if image.raster is not None][:MOST_IMAGES]
+        quick_looks = {os.path.join(folder, f"{image.id}.tif"): image for image in with_pixels}
+        for target, image in quick_looks.items():
+            write_quick_look(image, image.rpc, image.middle_height_m, target)
     finally:
         close_images()
     return [*shown["dems"], *quick_looks, *(f"{path}|layername={layer.name}" for layer in layers)]

@@ -26,7 +26,7 @@ def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Ras
         low = np.maximum(np.floor(shown.min(axis=0) - margin), 0).astype(int)
         high = np.minimum(np.ceil(shown.max(axis=0) + margin) + 1, raster.size).astype(int)
         if np.all(high > low):
-            grey, _ = raster.read(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
+            grey, _ = raster.read(*low.tolist(), *(high - low).tolist())
         origin = low.astype(np.float64)
     return TargetChip(grey, origin, made.edges, made.used, made.curves, made.xy)
 
@@ -36,5 +36,5 @@ def find_outline(image: Image, measured_px: np.ndarray) -> tuple[np.ndarray, ...
     if image.raster is None:
         return ()
     made = measure_target(image.raster, measured_px, "center")
-    found = not made.refusal and float(np.linalg.norm(made.xy - measured_px)) < SURVEY.same_target_px
-    return made.curves if found else ()
+    is_found = not made.refusal and float(np.linalg.norm(made.xy - measured_px)) < SURVEY.same_target_px
+    return made.curves if is_found else ()

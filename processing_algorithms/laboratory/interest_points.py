@@ -1,6 +1,7 @@
 """`interest-points`: corners, super points and gravity centres of images."""
 
 from collections import Counter
+from itertools import pairwise
 
 import numpy as np
 
@@ -35,10 +36,11 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
     tables = []
     steps = np.linspace(0.0, 0.9, len(images) * len(names) + 1).tolist()
     for first, image in zip(range(0, len(steps) - 1, len(names)), images, strict=True):
-        parts = []
-        for step, name in enumerate(names, first):
-            here = stage(context.progress, steps[step], steps[step + 1])
-            parts.append(detect_interest_points(image.raster, name, options.detection, region, here))
+        stages = [stage(context.progress, *ends) for ends in pairwise(steps[first : first + len(names) + 1])]
+        parts = [
+            detect_interest_points(image.raster, name, options.detection, region, part)
+            for name, part in zip(names, stages, strict=True)
+        ]
         tables.append(join_points(parts))
     # Direction of the sun: that of the delivery, else as given, because its elevation is not known then
     given = None if options.sun_azimuth is None else SunReading(SunAngles(options.sun_azimuth, float("nan")), "given")
@@ -73,13 +75,14 @@ def run(options: InterestPointsOptions, context: Context) -> Report:
         length_px=joined.size_px[:, 0], width_px=joined.size_px[:, 1], azimuth_deg=np.degrees(joined.azimuth_rad),
         contrast=joined.contrast, rmse_px=joined.rmse_px, shadow=np.concatenate(shadows).astype(str),
     )  # fmt: skip
-    everywhere = all(image.rpc is not None for image in images)
-    layers = [Layer(INTEREST_POINTS_LAYER, "PointZ" if everywhere else "None", 4326, ground, fields)]
+    geometry = "PointZ" if all(image.rpc is not None for image in images) else "None"
+    layers = [Layer(INTEREST_POINTS_LAYER, geometry, 4326, ground, fields)]
     write_folder(options.folder, report, INTEREST_POINTS_FILE, layers, context)
     return report
 
 
 def _image_entry(image: ImagePixels, points: InterestPoints, sun: SunReading | None, words: np.ndarray) -> Report:
+    """Return the entry of an image; ``words`` are yes, no or unknown: whether a point is a shadow ``(n,)``."""
     lower, right = points.xy[:, 1] >= image.raster.size[1] / 2.0, points.xy[:, 0] >= image.raster.size[0] / 2.0
     quarters = np.bincount(2 * lower + right, minlength=4)
     entry: Report = {

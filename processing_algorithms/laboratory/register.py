@@ -46,13 +46,12 @@ def run(options: RegisterOptions, context: Context) -> Report:
     if context.dry_run:
         return plan_folder(options.folder, LAYERS_FILE, {"matched points": len(start)}, lost, context, options.report)
     unit = options.gsd or 1.0
-    sigma = points["sigma"]
     result = compare_kinds(
         start,
         points["second"],
         points["kind"],
         model=options.registration.form,
-        sigma_px=sigma,
+        sigma_px=points["sigma"],
         reject_sigma=options.registration.reject_sigma,
         unit=unit,
     )
@@ -76,7 +75,17 @@ def run(options: RegisterOptions, context: Context) -> Report:
     if 2 * len(start) == everything.unknowns:
         lost.append(f"{len(start)} points for {everything.unknowns} parameters: nothing checks the registration")
     residual = everything.residual_px * unit
-    fields = _tabulate_points(points, residual, everything.used)
+    fields = RegisteredPointRows(
+        id=points["ids"],
+        kind=points["kind"].astype(str),
+        used=everything.used,
+        first_sample=points["first"][:, 0],
+        first_line=points["first"][:, 1],
+        second_sample=points["second"][:, 0],
+        second_line=points["second"][:, 1],
+        residual_x=residual[:, 0],
+        residual_y=residual[:, 1],
+    )
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
         write_geopackage(str(folder / LAYERS_FILE), [Layer(LAYER, "None", 4326, residual, fields)])
         if options.report:
@@ -86,21 +95,6 @@ def run(options: RegisterOptions, context: Context) -> Report:
         write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")
     return report
-
-
-def _tabulate_points(points: dict[str, np.ndarray], residual: np.ndarray, used: np.ndarray) -> RegisteredPointRows:
-    """Return the rows of the layer of points, with their residuals in the unit of the report."""
-    return RegisteredPointRows(
-        id=points["ids"],
-        kind=points["kind"].astype(str),
-        used=used,
-        first_sample=points["first"][:, 0],
-        first_line=points["first"][:, 1],
-        second_sample=points["second"][:, 0],
-        second_line=points["second"][:, 1],
-        residual_x=residual[:, 0],
-        residual_y=residual[:, 1],
-    )
 
 
 def _match(options: RegisterOptions) -> tuple[str, str, dict[str, np.ndarray]]:
@@ -185,12 +179,12 @@ def summarise(report: Report) -> str:
     """Return the table of residuals by kind."""
     unit = report["unit"]
     lines = [f"{report['first']} to {report['second']}, {report['model']}, {report['points']} points"]
-    for table in ("alone", "together"):
-        for kind, row in report[table].items():
-            lines.append(
-                f"{kind:8s} {table:8s} {row['count']:5d} points: std {row['std'][0]:.2f} {row['std'][1]:.2f}, "
-                f"distance {row['distance']:.2f} {unit}"
-            )
+    lines += [
+        f"{kind:8s} {table:8s} {row['count']:5d} points: std {row['std'][0]:.2f} {row['std'][1]:.2f}, "
+        f"distance {row['distance']:.2f} {unit}"
+        for table in ("alone", "together")
+        for kind, row in report[table].items()
+    ]
     ratios = report["center_over_corner"] or {}
     lines += [f"centre over corner, {table}: {ratio:.0%}" for table, ratio in ratios.items() if ratio is not None]
     return "\n".join(lines)
@@ -211,8 +205,8 @@ def draw_residual_vectors(xy: np.ndarray, residual: np.ndarray, groups: np.ndarr
     typical = compute_typical_length(residual)
     per_unit = 32.0 / typical if typical > 0.0 else 0.0  # drawing units of the 90th percentile
     parts = [f'<svg class="card" viewBox="0 0 {_WIDTH:.0f} {height:.0f}" role="img" aria-label="Residuals">']
-    for (x, y), (dx, dy), group in zip((xy - low) * scale + _MARGIN, residual * per_unit, groups, strict=True):
-        parts.append(_draw_arrow(x, y, dx, dy, str(group)))
+    arrows = zip((xy - low) * scale + _MARGIN, residual * per_unit, groups, strict=True)
+    parts += [_draw_arrow(x, y, dx, dy, str(group)) for (x, y), (dx, dy), group in arrows]
     if typical > 0.0:
         length = choose_round_length(1.5 * typical)
         parts.append(_draw_arrow(_MARGIN, height - 14.0, length * per_unit, 0.0, "scale"))

@@ -1,1 +1,0 @@
-"""Steps of the simulator: what a block consists of, and its files."""
