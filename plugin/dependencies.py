@@ -87,9 +87,8 @@ def install_command(pip_names: Sequence[str], folder: Path) -> list[str]:
 
 def quote_command(command: Sequence[str]) -> str:
     """Return a command as typed in a terminal."""
-    if sys.platform == "win32":
-        return " ".join(f'"{word}"' if " " in word else word for word in command)
-    return shlex.join(command)
+    quoted = " ".join(f'"{word}"' if " " in word else word for word in command)
+    return quoted if sys.platform == "win32" else shlex.join(command)
 
 
 def python_executable() -> str:
@@ -103,5 +102,5 @@ def python_executable() -> str:
     library = Path(os.__file__).resolve().parent
     names = (f"python{'.'.join(map(str, sys.version_info[:2]))}", "python3", "python.exe", "python3.exe")
     folders = (library.parent.parent / "bin", library.parent)
-    candidates = (folder / name for folder in folders for name in names)
-    return str(next((path for path in candidates if path.exists()), sys.executable))
+    found = (folder / name for folder in folders for name in names if (folder / name).exists())
+    return str(next(found, sys.executable))

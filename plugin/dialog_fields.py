@@ -71,9 +71,8 @@ class LayerOrFile:
     It is no widget itself: Processing wraps a given widget again as a plain QWidget, and would lose this object.
     """
 
-    def __init__(self, words: Sequence[str] = (), layers: bool = True, file_filter: str = "") -> None:
+    def __init__(self, words: Sequence[str] = (), layers: bool = True) -> None:
         self.widget = make_container()
-        self._filter = file_filter
         self.box = QComboBox(self.widget)
         self.box.setEditable(True)
         self.box.setMinimumContentsLength(12)
@@ -104,8 +103,7 @@ class LayerOrFile:
         if isinstance(value, QgsProcessingFeatureSourceDefinition):
             value, selected_only = value.source.staticValue(), value.selectedFeaturesOnly
         text = value.id() if isinstance(value, QgsMapLayer) else "" if value is None else str(value)
-        index = self.box.findData(text)
-        if index >= 0:
+        if (index := self.box.findData(text)) >= 0:
             self.box.setCurrentIndex(index)
         else:
             self.box.setEditText(text)
@@ -114,8 +112,7 @@ class LayerOrFile:
     @in_main_thread
     def field_names(self) -> list[str]:
         """Return the names of the fields of the layer or file."""
-        text = self._text()
-        layer = QgsProject.instance().mapLayer(text) or QgsVectorLayer(text, "", "ogr")
+        layer = QgsProject.instance().mapLayer(self._text()) or QgsVectorLayer(self._text(), "", "ogr")
         return [str(name) for name in layer.fields().names()]
 
     def _text(self) -> str:
@@ -132,7 +129,7 @@ class LayerOrFile:
             self.selected_only.setChecked(False)
 
     def _browse(self) -> None:
-        path, _ = QFileDialog.getOpenFileName(self.box, tr("Choose a file"), "", self._filter)
+        path, _ = QFileDialog.getOpenFileName(self.box, tr("Choose a file"))
         if path:
             self.set_value(path)
 
@@ -270,8 +267,7 @@ class ExtentWrapper(QgsAbstractProcessingParameterWidgetWrapper):
 
     def _offer_map(self) -> None:
         """Offer to take the box from the map, or to draw it there."""
-        canvas = self.widgetContext().mapCanvas()
-        if canvas is not None:
+        if (canvas := self.widgetContext().mapCanvas()) is not None:
             self._box.setMapCanvas(canvas)
 
     def _show_dialog(self, is_shown: bool) -> None:

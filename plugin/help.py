@@ -41,8 +41,7 @@ def short_help(declaration: Algorithm) -> str:
     # The arguments that a text names, with the labels of the dialog
     spell = partial(spell_arguments, params=declaration.params, spelling=label_of)
     paragraphs = [part for part in spell(declaration.help).split("\n\n") if part.strip()] or [declaration.summary]
-    notes = [note for note in (absence_note(), *paragraphs) if note]
-    parts = [f"<p>{_text(part)}</p>" for part in notes]
+    parts = [f"<p>{_text(part)}</p>" for part in (absence_note(), *paragraphs) if part]
     if name := HELP_PICTURES.get(declaration.name):
         url = QUrl.fromLocalFile(str(Path(__file__).parent / "pictures" / f"{name}.png")).toString()
         parts.insert(0, f'<p><img src="{escape(url)}" alt="" width="232"/><br/>{_CAPTIONS[name]}</p>')
@@ -86,13 +85,14 @@ def help_url(declaration: Algorithm) -> str:
         help=short_help(declaration),
         version=VERSION,
         examples=examples,
-        rows="".join(_row(param) for param in declaration.params),
+        rows="".join(map(_row, declaration.params)),
     )
     page.write_text(text, encoding="utf-8")
     return QUrl.fromLocalFile(str(page)).toString()
 
 
 def _row(param: Param) -> str:
+    """Return the rows of a parameter, and of those that choose its fields, in the table of the page."""
     default = "required" if param.required else "" if param.default is None else str(param.default)
     rows = [(qgis_name(param), label_of(param), default, param.unit)]
     rows += [(one.name(), one.description(), "", "") for one in field_choosers(param).values()]

@@ -37,9 +37,7 @@ def raster_source(value: Any, context: QgsProcessingContext) -> str:
     """Return the source that GDAL opens, of a raster layer of the project, its id or name, or a path."""
     value = _static(value)
     layer = _project_layer(value, context)
-    if isinstance(layer, QgsRasterLayer):
-        return str(layer.source()).partition("|option:")[0]
-    return str(value)
+    return str(layer.source()).partition("|option:")[0] if isinstance(layer, QgsRasterLayer) else str(value)
 
 
 def raster_sources(values: Any, context: QgsProcessingContext) -> list[str]:
@@ -75,9 +73,8 @@ def point_source(value: Any, name: str, context: QgsProcessingContext, feedback:
     path.parent.mkdir(parents=True, exist_ok=True)
     options = QgsVectorFileWriter.SaveVectorOptions()
     options.driverName, options.layerName = "GPKG", name
-    options.onlySelectedFeatures = selected_only
+    options.onlySelectedFeatures, options.feedback = selected_only, feedback
     options.layerOptions = ["FID=_feature"]  # so that a field named fid is not the FID
-    options.feedback = feedback
     transforms = context.transformContext()
     error, message, *_ = QgsVectorFileWriter.writeAsVectorFormatV3(layer, str(path), transforms, options)
     if error != QgsVectorFileWriter.WriterError.NoError:
@@ -124,9 +121,8 @@ def _static(value: Any) -> Any:
 
 def _project_layer(value: Any, context: QgsProcessingContext) -> Any:
     """Return the open layer of a value, None if it is a path."""
-    if not isinstance(value, str):
-        return value
-    return QgsProcessingUtils.mapLayerFromString(value, context, allowLoadingNewLayers=False)
+    is_named = isinstance(value, str)
+    return QgsProcessingUtils.mapLayerFromString(value, context, allowLoadingNewLayers=False) if is_named else value
 
 
 def _file_source(layer: QgsVectorLayer) -> str | None:

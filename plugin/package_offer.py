@@ -112,8 +112,7 @@ class PackageOffer:
 
     def install(self) -> None:
         """Run the command in the background."""
-        text = f"{tr('installing packages …')}  {quote_command(self._command)}"
-        self._tell(text, Qgis.MessageLevel.Info, 0)
+        self._tell(f"{tr('installing packages …')}  {quote_command(self._command)}", Qgis.MessageLevel.Info, 0)
         BackgroundTask(
             tr("HRSI: installing packages"), lambda _progress: run_installer(self._command), self._on_end
         ).start()

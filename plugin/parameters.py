@@ -269,8 +269,7 @@ def _read_crs(param: Param, reading: Reading) -> str:
 
 def _read_extent(param: Param, reading: Reading) -> str:
     """Return a word unchanged, a box as ``W,S,E,N [CRS]``."""
-    value = reading.raw(param)
-    value = value.staticValue() if isinstance(value, QgsProperty) else value
+    value = raw.staticValue() if isinstance(raw := reading.raw(param), QgsProperty) else raw
     if value in param.words:
         return str(value)
     box, crs = read_box(reading.algorithm.parameterDefinition(qgis_name(param)), value, reading.context)

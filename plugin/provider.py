@@ -180,10 +180,8 @@ class PluginAlgorithm(QgsProcessingAlgorithm):
         if "map" in report and is_shown:
             group = f"HRSI {self.displayName()}: {Path(self._options['folder']).resolve().name}"
             with suppress(HrsiError, OSError):  # the project file is written
-                sources = run_apart(lambda: write_folder_layers(report))
-                load_sources(sources, group, context, report["map"]["dems"])
-        made = collect_results(self.declaration, self._options, report)
-        return drop_unlistable_outputs(made, feedback)
+                load_sources(run_apart(lambda: write_folder_layers(report)), group, context, report["map"]["dems"])
+        return drop_unlistable_outputs(collect_results(self.declaration, self._options, report), feedback)
 
     @in_main_thread
     def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict[str, Any]:
@@ -324,7 +322,6 @@ class HrsiProvider(QgsProcessingProvider):
         for declaration in (REGISTRY if self._declarations is None else self._declarations).values():
             self.addAlgorithm(PluginAlgorithm(declaration))
         if self._declarations is None:
-            for path in sorted(CHAINS.glob("*.model3")):
-                model = PackageModel(path)
+            for model in map(PackageModel, sorted(CHAINS.glob("*.model3"))):
                 if model.is_valid:
                     self.addAlgorithm(model)

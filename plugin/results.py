@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from html import escape
+from itertools import count
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -95,15 +96,13 @@ def collect_results(declaration: Algorithm, options: dict[str, Any], report: Rep
 
 def drop_unlistable_outputs(made: dict[str, Any], feedback: QgsProcessingFeedback) -> dict[str, Any]:
     """Return the results that the dialog can list: the batch dialog of an old QGIS fails for HTML reports."""
-    if Qgis.QGIS_VERSION_INT < BATCH_LISTS_REPORTS and type(feedback).__name__ == "BatchFeedback":
-        return {name: value for name, value in made.items() if name != REPORT_HTML}
-    return made
+    fails = Qgis.QGIS_VERSION_INT < BATCH_LISTS_REPORTS and type(feedback).__name__ == "BatchFeedback"
+    return {name: value for name, value in made.items() if not (fails and name == REPORT_HTML)}
 
 
 def list_written_images(report: Report) -> list[str]:
     """Return the images that a run has written."""
-    entries = report.get("images")
-    entries = entries.values() if isinstance(entries, dict) else ()
+    entries = images.values() if isinstance(images := report.get("images"), dict) else ()
     return [entry["output"] for entry in entries if isinstance(entry, dict) and entry.get("output")]
 
 
@@ -126,12 +125,6 @@ def _list_layers(declaration: Algorithm, options: dict[str, Any]) -> list[str]:
     return list_written_layers(options["output_dir"], declaration.layers)
 
 
-def list_quick_looks(options: dict[str, Any]) -> list[str]:
-    """Return the quick-looks of a run, those after the adjustment last, which are above the others."""
-    paths = Path(options["output_dir"], QUICK_LOOKS).glob("*.tif")
-    return sorted(map(str, paths), key=lambda path: path.endswith(f"_{STATE_AFTER}.tif"))
-
-
 def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report, context: QgsProcessingContext) -> None:
     """Schedule loading of the layers of a run into the project, if there is one: in a group, images at the bottom.
 
@@ -139,10 +132,12 @@ def show_layers(declaration: Algorithm, options: dict[str, Any], report: Report,
     """
     if context.project() is None or not options.get("output_dir"):
         return
-    folder = Path(options["output_dir"]).name
-    group = f"HRSI {tr(declaration.title)}" + (f": {folder}" if folder != TEMPORARY else "")
-    rasters = list_written_images(report) if declaration.are_maps else list_quick_looks(options)
-    mosaics = _list_mosaics(report)
+    folder, mosaics = Path(options["output_dir"]), _list_mosaics(report)
+    group = f"HRSI {tr(declaration.title)}" + (f": {folder.name}" if folder.name != TEMPORARY else "")
+    # Quick-looks after the adjustment come last, which are above the others
+    looks = map(str, (folder / QUICK_LOOKS).glob("*.tif"))
+    looks_in_order = sorted(looks, key=lambda path: path.endswith(f"_{STATE_AFTER}.tif"))
+    rasters = list_written_images(report) if declaration.are_maps else looks_in_order
     load_sources([*rasters, *mosaics, *_list_layers(declaration, options)], group, context, lowest=mosaics)
 
 
@@ -218,10 +213,9 @@ SIGNAL = {
 def headline(verdict: dict[str, Any]) -> str:
     """Return the verdict with its worst reason, on one line."""
     reasons = verdict["reasons"]
-    if not reasons:
-        return f"{tr('Verdict')}: {tr(verdict['level'])}. {verdict['sentence']}"
+    worst = f"{reasons[0]['message']}; {reasons[0]['advice']}" if reasons else verdict["sentence"]
     more = " " + tr("({} more in the report)").format(len(reasons) - 1) if len(reasons) > 1 else ""
-    return f"{tr('Verdict')}: {tr(verdict['level'])}. {reasons[0]['message']}; {reasons[0]['advice']}{more}"
+    return f"{tr('Verdict')}: {tr(verdict['level'])}. {worst}{more}"
 
 
 def show_in_message_bar(verdict: dict[str, Any], title: str, spell: Callable[[str], str]) -> None:
@@ -233,9 +227,8 @@ def show_in_message_bar(verdict: dict[str, Any], title: str, spell: Callable[[st
     if iface is None:
         return
     reasons = [f"{one['level']}: {one['message']} [{one['code']}]\n{one['advice']}" for one in verdict["reasons"]]
-    line = f"{tr('Verdict')}: {tr(verdict['level'])}. "
-    line += f"{verdict['reasons'][0]['message']}" if reasons else verdict["sentence"]
-    more = "\n\n".join([verdict["sentence"], *reasons])
+    worst = verdict["reasons"][0]["message"] if reasons else verdict["sentence"]
+    line, more = f"{tr('Verdict')}: {tr(verdict['level'])}. {worst}", "\n\n".join([verdict["sentence"], *reasons])
     short = escape(shorten(spell(line), VERDICT_LETTERS, placeholder=" …"), quote=False)
     iface.messageBar().pushMessage(title, short, as_rich_text(spell(more)), *SIGNAL[verdict["level"]])
 
@@ -267,10 +260,7 @@ class Comparison(QObject):
     def switch(self, is_on: bool) -> None:
         """Begin or end; at the end the images after the adjustment are shown."""
         self.shown = STATE_BEFORE
-        if is_on:
-            self._timer.start()
-        else:
-            self._timer.stop()
+        (self._timer.start if is_on else self._timer.stop)()
         self.swap()
 
     def swap(self) -> None:
@@ -287,9 +277,8 @@ def make_print_layout(canvas: Any) -> QgsPrintLayout:
     project = QgsProject.instance()
     layout = QgsPrintLayout(project)
     layout.initializeDefaults()  # A4, landscape
-    names = {one.name() for one in project.layoutManager().layouts()}
-    number = next(k for k in range(1, len(names) + 2) if f"HRSI {k}" not in names)
-    layout.setName(f"HRSI {number}")
+    taken = {one.name() for one in project.layoutManager().layouts()}
+    layout.setName(next(name for name in (f"HRSI {k}" for k in count(1)) if name not in taken))
     title = QgsLayoutItemLabel(layout)
     title.setText(f"{tr('Block adjustment')}: {Path(project.fileName()).stem or 'HRSI'}")
     font = title.font()

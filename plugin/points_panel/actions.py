@@ -1,10 +1,10 @@
-"""The panel's actions: their keys, and errors of input, which they show instead of raising them."""
+"""The panel's actions: their keys, errors of input, which they show instead of raising them, and pauses before them."""
 
 from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import Any
 
-from qgis.PyQt.QtCore import QCoreApplication, QEvent, QObject
+from qgis.PyQt.QtCore import QCoreApplication, QEvent, QObject, QTimer
 from qgis.PyQt.QtGui import QKeyEvent, QKeySequence
 from qgis.PyQt.QtWidgets import QAction
 
@@ -31,6 +31,15 @@ def show_errors(method: Callable[..., Any]) -> Callable[..., Any]:
         return None
 
     return run
+
+
+def make_pause(parent: QObject, pause_ms: int, slot: Callable[[], Any]) -> QTimer:
+    """Return a timer that calls a slot once, this long after it was last started."""
+    timer = QTimer(parent)
+    timer.setSingleShot(True)
+    timer.setInterval(pause_ms)
+    timer.timeout.connect(slot)
+    return timer
 
 
 class ShortcutMap(QObject):

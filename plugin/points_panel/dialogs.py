@@ -4,7 +4,6 @@ from typing import Any
 
 from qgis.core import QgsMapLayer, QgsProcessingContext, QgsProcessingFeedback, QgsProject, QgsRasterLayer
 from qgis.gui import QgsFileWidget, QgsProjectionSelectionWidget
-from qgis.PyQt.QtCore import QTimer
 from qgis.PyQt.QtWidgets import (
     QComboBox,
     QDialog,
@@ -26,6 +25,7 @@ from ..dialog_fields import LayerOrFile
 from ..layer_sources import crs_text, name_fields, point_source, raster_source
 from ..parameters import label_gcp_fields
 from ..translation import tr
+from .actions import make_pause
 
 HEIGHT_DATUMS = ("layer", "ellipsoidal", "egm96", "egm2008")
 TYPING_MS = 300  # without a further letter, until what is typed is looked at
@@ -54,10 +54,8 @@ class NewBlockDialog(QDialog):
         self.layers.setEnabled(bool(rasters))
         self.gcps, self.image_points = LayerOrFile(), LayerOrFile()
         self.fields = {field: QComboBox() for field in label_gcp_fields()}
-        self._pause = QTimer(self)  # of typing: listing the fields opens the layer
-        self._pause.setSingleShot(True)
-        self._pause.setInterval(TYPING_MS)
-        self._pause.timeout.connect(lambda: self._offer_fields(self.gcps.field_names()))
+        # Listing the fields opens the layer
+        self._pause = make_pause(self, TYPING_MS, lambda: self._offer_fields(self.gcps.field_names()))
         self.gcps.box.editTextChanged.connect(lambda _text: self._offer_fields([]))
         self.gcps.box.editTextChanged.connect(lambda _text: self._pause.start())
         self.crs = QgsProjectionSelectionWidget()
@@ -100,20 +98,18 @@ class NewBlockDialog(QDialog):
 
     def sources(self) -> dict[str, Any]:
         """Return the chosen files and settings; layers that differ from their file are copied."""
-        context = QgsProcessingContext()
+        context, feedback = QgsProcessingContext(), QgsProcessingFeedback()
         context.setProject(QgsProject.instance())
-        feedback = QgsProcessingFeedback()
         points = {
             key: point_source(field.value(), key, context, feedback) if field.value() else ""
             for key, field in (("gcps", self.gcps), ("image_points", self.image_points))
         }
         chosen = {field: box.currentText() for field, box in self.fields.items()}
         points["gcps"] = name_fields(points["gcps"], chosen)
-        crs = self.crs.crs()
         return {
             "images": QgsFileWidget.splitFilePaths(self.images.filePath()),
             **points,
-            "ground_crs": crs_text(crs) if crs.isValid() else None,
+            "ground_crs": crs_text(crs) if (crs := self.crs.crs()).isValid() else None,
             "height_datum": self.datum.currentText(),
         }
 

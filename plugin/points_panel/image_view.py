@@ -18,7 +18,7 @@ from qgis.core import (
     QgsSingleBandGrayRenderer,
 )
 from qgis.gui import QgsMapCanvas, QgsMapCanvasItem, QgsMapToolEmitPoint
-from qgis.PyQt.QtCore import QByteArray, QLineF, QPointF, QRectF, Qt, QTimer, pyqtSignal
+from qgis.PyQt.QtCore import QByteArray, QLineF, QPointF, QRectF, Qt, pyqtSignal
 from qgis.PyQt.QtGui import QColor, QPainter, QPen, QPixmap, QWheelEvent
 from qgis.PyQt.QtSvg import QSvgRenderer
 from qgis.PyQt.QtWidgets import (
@@ -36,6 +36,7 @@ from qgis.PyQt.QtXml import QDomDocument
 from ...hrsi_engine.foundation.pixel_filters import STRETCH
 from ...processing_algorithms.point_session.rows import ImageMeasurement
 from ..translation import tr
+from .actions import make_pause
 from .table_models import FAINT, SUSPICIOUS
 
 NAMED_POINTS = 60  # with more in view, only chosen and suspicious ones are named, so that the text is legible
@@ -175,9 +176,8 @@ def marker_label(marker: Marker) -> str:
     """Return the name of a point with its residual, or with the keys for a proposal."""
     if marker.proposed is not None:
         return f"{marker.name}  Y / X"
-    if marker.residual_px is None:
-        return marker.name
-    return f"{marker.name}  {marker.residual_px[0]:+z.2f} {marker.residual_px[1]:+z.2f} px"
+    left = marker.residual_px
+    return marker.name if left is None else f"{marker.name}  {left[0]:+z.2f} {left[1]:+z.2f} px"
 
 
 if TYPE_CHECKING:
@@ -233,10 +233,7 @@ class ImageView(QWidget):
         self._tool.canvasClicked.connect(self._on_click)
         self.canvas.setMapTool(self._tool)
         self.chooser.currentTextChanged.connect(self.image_chosen)
-        self._settle = QTimer(self)
-        self._settle.setSingleShot(True)
-        self._settle.setInterval(SETTLE_MS)
-        self._settle.timeout.connect(self._stretch)
+        self._settle = make_pause(self, SETTLE_MS, self._stretch)
         self.canvas.extentsChanged.connect(self._settle.start)
         self.band.valueChanged.connect(lambda _band: self._stretch())
         self.gamma.valueChanged.connect(self._set_gamma)

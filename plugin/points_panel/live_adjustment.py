@@ -4,13 +4,14 @@ import time
 from functools import partial
 from typing import Any
 
-from qgis.PyQt.QtCore import QObject, QTimer, pyqtSignal
+from qgis.PyQt.QtCore import QObject, pyqtSignal
 
 from ...hrsi_engine.foundation.progress import Progress
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession
 from ..background_task import BackgroundTask
 from ..translation import tr
+from .actions import make_pause
 
 PAUSE_MS = 300  # without a further edit, until the block is adjusted again
 QUICK_S = 10.0  # CPU time up to which an adjustment is repeated after each edit; residuals follow edits in any case
@@ -29,10 +30,7 @@ class LiveAdjustment(QObject):
         self.failure = ""
         self.duration_s = 0.0  # CPU time of the last adjustment
         self._task: BackgroundTask | None = None
-        self._pause = QTimer(self)
-        self._pause.setSingleShot(True)
-        self._pause.setInterval(PAUSE_MS)
-        self._pause.timeout.connect(self.due)
+        self._pause = make_pause(self, PAUSE_MS, self.due)
 
     def watch(self, session: PointSession) -> None:
         """Adjust another session from now on; the end of a running adjustment is ignored."""

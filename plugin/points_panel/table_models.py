@@ -52,9 +52,8 @@ class RowsModel(QAbstractTableModel):
         return 0 if parent.isValid() else len(self.titles)
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        if role != Qt.ItemDataRole.DisplayRole or orientation != Qt.Orientation.Horizontal:
-            return None
-        return tr(self.titles[section])
+        is_title = role == Qt.ItemDataRole.DisplayRole and orientation == Qt.Orientation.Horizontal
+        return tr(self.titles[section]) if is_title else None
 
     def flags(self, index: QModelIndex) -> Qt.ItemFlag:
         flags = super().flags(index)
@@ -260,12 +259,11 @@ class MeasurementsModel(RowsModel):
         if title == "kind":
             changed = replace(measured, kind=str(value))
         else:
-            typed = number_of(value)
-            if math.isnan(typed) and title != "sigma px":
+            entered: dict[str, Any] = {_MEASUREMENT_FIELDS[title]: number_of(value)}
+            changed = replace(measured, **entered)
+            if math.isnan(changed.sample) or math.isnan(changed.line):
                 self.session.remove_measurement(self.point, row.image)
                 return
-            entered: dict[str, Any] = {_MEASUREMENT_FIELDS[title]: typed}
-            changed = replace(measured, **entered)
         self.session.set_measurement(self.point, row.image, changed)
 
     def key(self, row: MeasurementRow) -> tuple[str, ...]:
@@ -275,6 +273,5 @@ class MeasurementsModel(RowsModel):
         return None if row.is_inside or row.measured else FAINT
 
     def tip(self, row: MeasurementRow) -> str | None:
-        sample, line = row.predicted
         where = "" if row.is_inside else tr(", outside the image")
-        return tr("predicted at sample {:.1f}, line {:.1f}").format(sample, line) + where
+        return tr("predicted at sample {:.1f}, line {:.1f}").format(*row.predicted) + where

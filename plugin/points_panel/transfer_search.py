@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
-from qgis.PyQt.QtCore import QObject, QTimer, pyqtSignal
+from qgis.PyQt.QtCore import QObject, pyqtSignal
 
 from ...processing_algorithms import point_session
 from ...processing_algorithms.point_session import PointSession
+from .actions import make_pause
 
 
 class TransferSearch(QObject):
@@ -19,9 +20,7 @@ class TransferSearch(QObject):
         self.session, self.point = PointSession(), ""
         self.proposals: dict[str, Any] = {}  # one object, which the views show
         self._queue: list[str] = []
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.timeout.connect(self._continue)
+        self._timer = make_pause(self, 0, self._continue)
 
     def show_point(self, session: PointSession, point: str) -> None:
         """Search this point from now on."""

@@ -121,8 +121,7 @@ class ViewGrid(QWidget):
 
     def activate_gap(self) -> None:
         """Make the first view active in whose image the point is not measured."""
-        gaps = [image for image in self.list_images() if (self.point, image) not in self.session.measured]
-        if gaps:
+        if gaps := [image for image in self.list_images() if (self.point, image) not in self.session.measured]:
             self.activate(self.find_view(gaps[0]))
 
     def frame_image(self, image: str) -> None:
@@ -231,7 +230,6 @@ class ViewGrid(QWidget):
             residual = None if math.isnan(row.residual_px[0]) else row.residual_px
             is_chosen = name == self.point
             proposal = self.proposals.get(image) if is_chosen else None
-            is_off = self.session.points[name].role == "off"
             markers.append(
                 Marker(
                     name,
@@ -239,7 +237,7 @@ class ViewGrid(QWidget):
                     measured,
                     residual,
                     is_suspicious=bool(row.suspicion),
-                    is_off=is_off,
+                    is_off=self.session.points[name].role == "off",
                     is_chosen=is_chosen,
                     proposed=None if proposal is None else proposal.xy,
                 )
