@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...block.block import GroundPoints, ImagePoints, Role
+from ...block.columns import Columns
 from ...foundation.errors import InputError
 from .options import Noise
 from .pushbroom import PushbroomCamera
@@ -31,8 +32,8 @@ class CONTROL_PLACES:
 
 
 @dataclass(frozen=True, eq=False)
-class TrueImagePoints:
-    """Exact image points: ``point`` and ``image`` are indices, ``(n,)``; ``xy`` is ``(n, 2)``."""
+class TrueImagePoints(Columns):
+    """Exact image points: ``point`` and ``image`` are indices, ``(n,)``; ``xy`` is sample, line ``(n, 2)``."""
 
     point: np.ndarray
     image: np.ndarray
@@ -46,7 +47,7 @@ def project_true_points(
     cameras: Sequence[PushbroomCamera], terrain: TerrainSurface, ground: np.ndarray
 ) -> TrueImagePoints:
     """Return the image points of ground points on the terrain's surface, where they are inside and not hidden."""
-    point, image, xy = [], [], []
+    visible = []
     chart_m = terrain.chart.from_ground(ground)
     for index, camera in enumerate(cameras):
         # Indices of the positions within the upright rectangle around a camera's footprint
@@ -66,10 +67,8 @@ def project_true_points(
             ground_m = terrain.chart.from_ground(locate_on_surface(camera, terrain, position))
             clear = np.hypot(*(ground_m - chart_m[rows]).T) < 0.5 * terrain.post_m
             rows, position = rows[clear], position[clear]
-        point.append(rows)
-        image.append(np.full(rows.size, index))
-        xy.append(position)
-    return TrueImagePoints(np.concatenate(point), np.concatenate(image), np.concatenate(xy))
+        visible.append((rows, np.full(rows.size, index), position))
+    return TrueImagePoints(*(np.concatenate(parts) for parts in zip(*visible, strict=True)))
 
 
 def _draw_candidates(

@@ -71,7 +71,7 @@ def simulate_free_dem(terrain: TerrainSurface, half_extent_m: float, spec: FreeD
 
     Parameters
     ----------
-    terrain : SimulatedTerrain
+    terrain : TerrainSurface
         The ground.
     half_extent_m : float
         How far it reaches from the middle.
@@ -100,8 +100,7 @@ def simulate_free_dem(terrain: TerrainSurface, half_extent_m: float, spec: FreeD
     heights += sigma * draw_correlated_noise(len(axis), spec.correlation_m / cell, rng) + shift[2]
     corners = terrain.chart.to_ground(np.array([[axis[0], axis[-1]], [axis[1], axis[-2]]]), np.zeros(2))
     step = corners[1, :2] - corners[0, :2]
-    first, steps = (float(corners[0, 0]), float(corners[0, 1])), (float(step[0]), float(step[1]))
-    return FreeDem(heights, first, steps, (float(shift[0]), float(shift[1]), float(shift[2])))
+    return FreeDem(heights, tuple(corners[0, :2].tolist()), tuple(step.tolist()), tuple(shift.tolist()))
 
 
 def draw_correlated_noise(count: int, length_cells: float, rng: np.random.Generator) -> np.ndarray:

@@ -146,9 +146,10 @@ def simulate_free_orthoimage(scene: Scene, spec: FreeOrthoSpec, errors: OrthoErr
     """
     plain = make_orthophoto(scene, spec.pixel_m)
     blur_m = RENDERING.ortho_blur_px * spec.pixel_m
-    renderers = []
-    for band in ORTHO_BANDS:
-        texture = scene.texture.blur(blur_m, band, OTHER_DATE, spec.change)
-        painter = replace(plain.painter, texture=texture)
-        renderers.append(FreeOrthoRenderer(scene, painter, plain.west_m, plain.north_m, plain.gsd_m, errors))
-    return tuple(renderers)
+    textures = (scene.texture.blur(blur_m, band, OTHER_DATE, spec.change) for band in ORTHO_BANDS)
+    return tuple(
+        FreeOrthoRenderer(
+            scene, replace(plain.painter, texture=texture), plain.west_m, plain.north_m, plain.gsd_m, errors
+        )
+        for texture in textures
+    )

@@ -105,11 +105,23 @@ def make_discs(kind: str, position_m: np.ndarray, diameter_m: np.ndarray, grey: 
     )
 
 
+def make_strips(values: np.ndarray, is_by_row: np.ndarray) -> np.ndarray:
+    """Return values of parcels ``(parcels, parcels)`` that are equal along the strips of each block.
+
+    The strips of a block are its rows of parcels where ``is_by_row (blocks, blocks)``, otherwise its columns; the value
+    of the first parcel is that of the strip.
+    """
+    by_row = np.kron(is_by_row, np.ones((PER_BLOCK, PER_BLOCK), dtype=bool))
+    rows = np.repeat(values[:, ::PER_BLOCK], PER_BLOCK, axis=1)
+    return np.where(by_row, rows, np.repeat(values[::PER_BLOCK], PER_BLOCK, axis=0))
+
+
 @dataclass(frozen=True)
 class Landscape:
     """The bent lattice of a scene, its land covers and its objects; everything follows from ``seed`` and ``scale``.
 
-    ``town`` is the share of built-up blocks, where it is not that of `COVERS`.
+    ``town`` is the share of built-up blocks, where it is not that of `COVERS`. On a ``date`` other than 0 parcels
+    differ by the share ``change`` of their usual differences.
     """
 
     seed: int
@@ -117,10 +129,6 @@ class Landscape:
     date: int = 0
     change: float = 0.0
     town: float | None = None
-
-    def at_date(self, date: int, change: float) -> Landscape:
-        """Return the landscape of another date: parcels differ by a share of their usual differences."""
-        return replace(self, date=date, change=change)
 
     # ---- lattice -----------------------------------------------------------------------------------------------
 
@@ -166,21 +174,16 @@ class Landscape:
     def parcel_grey(self) -> np.ndarray:
         """Grey value of each parcel in each band, ``(5, parcels, parcels)`` float32; fields are strips of parcels."""
         rng = np.random.default_rng([self.seed, 12])
-        cover, by_row = (
-            self.parcel_cover,
-            np.kron(rng.random(self.block_cover.shape) < 0.5, np.ones((PER_BLOCK, PER_BLOCK), dtype=bool)),
-        )
+        is_by_row = rng.random(self.block_cover.shape) < 0.5
         variation = rng.standard_normal((LAND_LATTICE.parcels, LAND_LATTICE.parcels))
         if self.date and self.change:
             change_noise = np.random.default_rng([self.seed, 13, self.date]).standard_normal(
                 (LAND_LATTICE.parcels, LAND_LATTICE.parcels)
             )
             variation = np.sqrt(1.0 - self.change**2) * variation + self.change * change_noise
-        rows = np.repeat(variation[:, ::PER_BLOCK], PER_BLOCK, axis=1)
-        columns = np.repeat(variation[::PER_BLOCK], PER_BLOCK, axis=0)
-        spread = np.array([c.parcel_spread for c in COVERS])[cover]
-        factor = np.maximum(1.0 + spread * np.where(by_row, rows, columns), 0.3)
-        return (np.array([c.grey for c in COVERS]).T[:, cover] * factor).astype(np.float32)
+        spread = np.array([c.parcel_spread for c in COVERS])[self.parcel_cover]
+        factor = np.maximum(1.0 + spread * make_strips(variation, is_by_row), 0.3)
+        return (np.array([c.grey for c in COVERS]).T[:, self.parcel_cover] * factor).astype(np.float32)
 
     @cached_property
     def parcel_contrast(self) -> np.ndarray:
@@ -215,15 +218,8 @@ class Landscape:
             (tone[:, None] * colour).astype(np.float32),
         )
         objects = roundabouts.append(roofs).append(self._tanks(reach))
-        inside = np.abs(objects.position_m).max(axis=1) < reach
-        objects = objects.select(inside)
-        return Objects(
-            objects.kind,
-            objects.position_m * self.scale,
-            objects.size_m * self.scale,
-            objects.azimuth_rad,
-            objects.grey,
-        )
+        objects = objects.select(np.abs(objects.position_m).max(axis=1) < reach)
+        return replace(objects, position_m=objects.position_m * self.scale, size_m=objects.size_m * self.scale)
 
     def parcels_within(self, half_extent_m: float) -> np.ndarray:
         """Return row and column (unwrapped) of the parcels within a square around the chart's origin, ``(n, 2)``."""
@@ -251,6 +247,7 @@ class Landscape:
         return self.from_lattice((cells[:, ::-1] + 0.5) * LAND_LATTICE.parcel_m + shift)
 
     def _tanks(self, reach: float) -> Objects:
+        """Return tanks on most parcels of works, bright or dark, the bright ones large (metres, unscaled)."""
         cells = self._parcels_of("works", reach)
         draw = self._draws(cells, 21, 5)
         cells, draw = cells[draw[:, 0] < 0.6], draw[draw[:, 0] < 0.6]

@@ -91,7 +91,7 @@ def simulate_laser(
 
     Parameters
     ----------
-    terrain : SimulatedTerrain
+    terrain : TerrainSurface
         The ground.
     half_extent_m : float
         How far from the middle points are wanted.
@@ -102,7 +102,7 @@ def simulate_laser(
 
     Returns
     -------
-    SimulatedLaser
+    LaserSimulation
         Every pass has a pair of beams at least within the area.
     """
     rng = np.random.default_rng(seed)

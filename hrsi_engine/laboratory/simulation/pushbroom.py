@@ -18,7 +18,6 @@ their independent truth.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -133,11 +132,6 @@ class PushbroomCamera:
             ),
         )
 
-    @cached_property
-    def _enu(self) -> np.ndarray:
-        """Rows: east, north and up of the scene centre in geocentric axes."""
-        return _compute_axes(self.frame)
-
     # ---- exterior orientation ----------------------------------------------------------------------------------
 
     def exterior(self, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -156,11 +150,12 @@ class PushbroomCamera:
         step = np.asarray(line, dtype=np.float64) - self.middle[1]
         position, forward, right, down = self._nominal(step)
         share = step / self.drift_lines
-        position = position + self.error.position(share) @ self._enu
+        position = position + self.error.position(share) @ _compute_axes(self.frame)
         axes = np.stack([forward, right, down], axis=2)
         return position, axes @ make_rotation_matrices(self.error.attitude(share, step))
 
     def _nominal(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return position and axes forward, right and down ``(n, 3)`` without errors, ``step`` lines off the middle."""
         orbit, scan = (self.orbit_rad * step)[:, None], (self.scan_rad * step)[:, None]
         position = self.orbit_radius_m * (np.cos(orbit) * self.zenith + np.sin(orbit) * self.flight_direction)
         target = self.centre + self.ground_radius_m * (
@@ -207,8 +202,7 @@ class PushbroomCamera:
             Lon, lat in degrees, height in metres; NaN where a ray misses the Earth.
         """
         image = np.asarray(image, dtype=np.float64)
-        heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
-        return intersect_height(*self.rays(image), heights)
+        return intersect_height(*self.rays(image), np.broadcast_to(np.asarray(height_m, np.float64), (len(image),)))
 
     # ---- ground to image ---------------------------------------------------------------------------------------
 

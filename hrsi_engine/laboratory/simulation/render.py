@@ -21,7 +21,7 @@ from .lighting import LitPainter, light_walls
 from .pushbroom import PushbroomCamera
 from .scene import Scene, select_objects
 from .seasons import make_season_texture
-from .sensors import Radiometry
+from .sensors import LARGEST_DN, Radiometry
 from .surface import RayPaths, compute_ray_paths, meet_surface
 from .synthesis import BlockSimulation
 from .tiles import TILES, TilePainter, compute_tile_shape, cut_window
@@ -118,7 +118,7 @@ class ImageRenderer:
         rng = np.random.default_rng([self.scene.spec.seed, 50, self.stream, row, column])
         noise = rng.standard_normal(grey.shape, dtype=np.float32)
         variance = np.float32(radiometry.noise_dn**2) + np.float32(radiometry.shot_dn) * np.maximum(grey, 0.0)
-        return _quantise(grey + noise * np.sqrt(variance), radiometry)
+        return _quantise(grey + noise * np.sqrt(variance))
 
     def noise_free_tile(self, row: int, column: int) -> np.ndarray:
         """Return one tile's blurred grey values, float32, before gain and noise.
@@ -168,6 +168,7 @@ class ImageRenderer:
 
     @cached_property
     def _node_lines(self) -> int:
+        """Lines from one row of exact rays to the next."""
         # Between nodes at a distance h a chord deviates by h² / 8 times the second derivative at most
         curvature_px = max(self.camera.error.vibration.curvature_rad / self.camera.pixel_rad, 1e-12)
         return int(np.clip(np.sqrt(8.0 * RENDERING.jitter_px / curvature_px), 1, RENDERING.node_lines))
@@ -181,7 +182,7 @@ def make_renderer(simulated: BlockSimulation, image_id: str, band: str = "pan") 
 
     Parameters
     ----------
-    simulated : SimulatedBlock
+    simulated : BlockSimulation
         The block.
     image_id : str
         The image.
@@ -225,7 +226,7 @@ def make_multispectral_renderers(simulated: BlockSimulation, image_id: str) -> t
 
     Parameters
     ----------
-    simulated : SimulatedBlock
+    simulated : BlockSimulation
         The block.
     image_id : str
         The image.
@@ -258,7 +259,7 @@ def render_window(
 
     Parameters
     ----------
-    simulated : SimulatedBlock
+    simulated : BlockSimulation
         The block.
     image_id : str
         The image.
@@ -282,7 +283,7 @@ def add_pixels(simulated: BlockSimulation) -> Block:
 
     Parameters
     ----------
-    simulated : SimulatedBlock
+    simulated : BlockSimulation
         The block.
 
     Returns
@@ -312,11 +313,7 @@ class OrthoRenderer:
     @property
     def geotransform(self) -> tuple[float, float, float, float, float, float]:
         """GDAL geotransform in degrees."""
-        chart = self.scene.chart
-        lon_step, lat_step = self.gsd_m / chart.scale
-        west = chart.lon_deg + (self.west_m - self.gsd_m / 2.0) / chart.scale[0]
-        north = chart.lat_deg + (self.north_m + self.gsd_m / 2.0) / chart.scale[1]
-        return float(west), float(lon_step), 0.0, float(north), 0.0, -float(lat_step)
+        return self.scene.chart.geotransform(self.west_m, self.north_m, self.gsd_m)
 
     def read(self, sample: int, line: int, samples: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
         """Return a window and its mask of valid pixels, all of them: `block.Raster`'s contract."""
@@ -328,7 +325,7 @@ class OrthoRenderer:
         east = self.west_m + self.gsd_m * (column * TILES.tile_px + np.arange(samples))
         north = self.north_m - self.gsd_m * (row * TILES.tile_px + np.arange(lines))
         ground = self.ground_of(*np.meshgrid(east, north))
-        return _quantise(self.painter.grey(row, column, *ground), Radiometry())
+        return _quantise(self.painter.grey(row, column, *ground))
 
     def ground_of(self, east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the chart positions that pixels at stated ones show: the same.
@@ -374,8 +371,9 @@ def make_orthophoto(scene: Scene, gsd_m: float, half_extent_m: float | None = No
     return OrthoRenderer(scene, painter, *corner, gsd_m)
 
 
-def _quantise(grey: np.ndarray, radiometry: Radiometry) -> np.ndarray:
-    return np.clip(np.rint(grey), 0, radiometry.largest_dn).astype(np.uint16)
+def _quantise(grey: np.ndarray) -> np.ndarray:
+    """Return grey values as digital numbers of 11 bits."""
+    return np.clip(np.rint(grey), 0, LARGEST_DN).astype(np.uint16)
 
 
 @lru_cache(maxsize=32)

@@ -51,7 +51,7 @@ class Scene:
         What it was made from.
     chart : Chart
         Metres east and north of the centre.
-    terrain : SimulatedTerrain
+    terrain : TerrainSurface
         Heights.
     landscape : Landscape
         What lies on it.

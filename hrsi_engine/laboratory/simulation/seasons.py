@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from .acquisitions import YEAR_DAYS, Acquisition, compute_day_of_season
-from .landscape import LAND_LATTICE, PER_BLOCK, Landscape, Objects
+from .landscape import LAND_LATTICE, Landscape, Objects, make_strips
 from .texture import PeriodicField, SensorTexture, Texture
 from .world import constant, constants
 
@@ -64,29 +64,29 @@ class SeasonLandscape(Landscape):
     def ploughing_day(self) -> np.ndarray:
         """Day on which each parcel is ploughed, ``(parcels, parcels)``; that of fields counts, equal along strips."""
         rng = np.random.default_rng([self.seed, 62])
-        by_row = np.kron(
-            np.random.default_rng([self.seed, 12]).random(self.block_cover.shape) < 0.5,
-            np.ones((PER_BLOCK, PER_BLOCK), dtype=bool),
-        )  # the strips of `Landscape.parcel_grey`
+        is_by_row = np.random.default_rng([self.seed, 12]).random(self.block_cover.shape) < 0.5  # as `parcel_grey`'s
         day = np.where(
             rng.random((LAND_LATTICE.parcels, LAND_LATTICE.parcels)) < 0.6, YEAR.winter_crop_day, YEAR.summer_crop_day
         )
         day += YEAR.ploughing_spread_d * rng.standard_normal((LAND_LATTICE.parcels, LAND_LATTICE.parcels))
-        rows = np.repeat(day[:, ::PER_BLOCK], PER_BLOCK, axis=1)
-        return np.where(by_row, rows, np.repeat(day[::PER_BLOCK], PER_BLOCK, axis=0)) % YEAR_DAYS
+        return make_strips(day, is_by_row) % YEAR_DAYS
 
     @property
     def ploughed(self) -> np.ndarray:
         """Mask of the parcels that lie ploughed and bare, ``(parcels, parcels)``."""
         return (self.parcel_cover == 0) & ((self.day - self.ploughing_day) % YEAR_DAYS < YEAR.ploughed_days)
 
+    @property
+    def summer(self) -> float:
+        """How far it is summer: 0 on 21 January, 1 half a year later, a cosine between."""
+        return float(0.5 - 0.5 * np.cos(2.0 * np.pi * (self.day - 20.0) / YEAR_DAYS))
+
     @cached_property
     def parcel_grey(self) -> np.ndarray:
         """As `Landscape.parcel_grey`, by the season."""
         usual = super().parcel_grey
         age = (self.day - self.ploughing_day) % YEAR_DAYS
-        summer = 0.5 - 0.5 * np.cos(2.0 * np.pi * (self.day - 20.0) / YEAR_DAYS)
-        leaves = np.clip(2.0 * summer - 0.5, 0.0, 1.0)
+        leaves = np.clip(2.0 * self.summer - 0.5, 0.0, 1.0)
         visible = np.array([1.0, 1.15 - 0.3 * leaves, 1.3 - 0.3 * leaves, 1.0, 1.0, 1.0])[self.parcel_cover]
         near_infrared = np.array([1.0, 0.6 + 0.4 * leaves, 0.6 + 0.4 * leaves, 1.0, 1.0, 1.0])[self.parcel_cover]
         field = self.parcel_cover == 0
@@ -100,8 +100,7 @@ class SeasonLandscape(Landscape):
         """As `Landscape.parcel_contrast`: bare soil is rougher, bare trees are fainter."""
         contrast = super().parcel_contrast.copy()
         contrast[0] *= np.where(self.ploughed, 1.6, 1.0)
-        leaves = 0.5 - 0.5 * np.cos(2.0 * np.pi * (self.day - 20.0) / YEAR_DAYS)
-        contrast[1] *= 0.55 + 0.45 * leaves
+        contrast[1] *= 0.55 + 0.45 * self.summer
         return contrast
 
     @cached_property

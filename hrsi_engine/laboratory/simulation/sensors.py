@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
+LARGEST_DN = 2047  #: of 11 bits
 
 
 @dataclass(frozen=True)
@@ -75,10 +76,9 @@ class Vibration:
 
     @cached_property
     def _spline(self) -> CubicSpline | None:
-        if not self.curve:
-            return None
+        """Roll and pitch by the line of the curve; None without a curve."""
         table = np.array(self.curve)
-        return CubicSpline(table[:, 0], table[:, 1:])
+        return CubicSpline(table[:, 0], table[:, 1:]) if self.curve else None
 
 
 @dataclass(frozen=True)
@@ -158,11 +158,6 @@ class Radiometry:
     noise_dn: float = 2.0
     shot_dn: float = 0.02
 
-    @property
-    def largest_dn(self) -> int:
-        """The largest digital number of 11 bits."""
-        return 2047
-
 
 class AccuracyStatement(NamedTuple):
     """Standard deviations of a vendor's orbit and attitude of a satellite.
@@ -222,7 +217,7 @@ class Sensor:
         Of the full detector line.
     line_rate_hz : float
         It fixes how far the satellite flies from line to line.
-    accuracy : StatedAccuracy
+    accuracy : AccuracyStatement
         Of its orbit and attitude.
     ms_ratio : int
         Size of a multispectral pixel in panchromatic ones.

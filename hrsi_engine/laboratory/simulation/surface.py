@@ -87,6 +87,7 @@ def meet_surface(paths: RayPaths, terrain: TerrainSurface) -> np.ndarray:
 
 
 def _walk_down(paths: RayPaths, terrain: TerrainSurface, low: float, high: float) -> np.ndarray:
+    """Return the heights where rays first go under, from the highest post ``high`` to the lowest ``low`` (metres)."""
     shape = paths.coefficients.shape[2:]
     flat = paths._replace(coefficients=paths.coefficients.reshape(3, 2, -1))
     step = 0.5 * terrain.post_m / max(paths.tangent(), 1e-9)
@@ -114,7 +115,7 @@ def locate_on_surface(camera: PushbroomCamera, terrain: TerrainSurface, image: n
     ----------
     camera : PushbroomCamera
         The camera.
-    terrain : SimulatedTerrain
+    terrain : TerrainSurface
         The terrain.
     image : (n, 2) ndarray
         Sample, line in pixels.

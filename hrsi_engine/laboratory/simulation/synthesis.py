@@ -25,7 +25,6 @@ from .control import (
 from .options import Noise, PointCounts, SceneSpec
 from .pushbroom import PushbroomCamera
 from .scene import Scene, make_scene
-from .sensors import OrientationError
 from .vendor import VendorRPC, fit_camera, make_accuracy_statement
 from .views import SceneView
 
@@ -91,7 +90,7 @@ class BlockSimulation:
         The ground.
     block : Block
         What a user would have.
-    truth : Truth
+    truth : BlockTruth
         What is exactly so.
     """
 
@@ -159,7 +158,7 @@ def simulate_block(
 
     Returns
     -------
-    SimulatedBlock
+    BlockSimulation
         The block, its scene and the truth.
 
     Raises
@@ -173,14 +172,17 @@ def simulate_block(
     scene = make_scene(spec, views)
     cameras = tuple(view.camera(scene.chart, spec.mean_height_m) for view in views)
     vendor_cameras = tuple(
-        camera.disturb(_draw_vendor_error(view, spec, noise, index))
+        camera.disturb(
+            view.vendor_error or view.sensor.accuracy.draw(np.random.default_rng([spec.seed, 42, index]), noise.vendor)
+        )
         for index, (view, camera) in enumerate(zip(views, cameras, strict=True))
     )
     advance(progress, 0.2, "terrain simulated")
     scene = _place_targets(scene, cameras, points)
     ids, ground, role = _place_points(cameras, scene, points)
     is_surveyed = role != Role.TIE
-    image_points = _sort_ties(project_true_points(cameras, scene.terrain, ground))
+    visible = project_true_points(cameras, scene.terrain, ground)
+    image_points = visible.select(np.lexsort((visible.image, visible.point)))  # the order of a block's measurements
     advance(progress, 0.6, "points placed")
     vendor_rpcs = tuple(
         replace(fit, rpc=make_accuracy_statement(fit.rpc, camera, view.sensor.accuracy, noise.vendor))
@@ -213,17 +215,12 @@ def simulate_block(
 
 
 def _fit_cameras(cameras: Sequence[PushbroomCamera], scene: Scene, progress: Progress) -> tuple[VendorRPC, ...]:
+    """Return the RPCs of the vendor's cameras over the scene's heights; the only slow part, so it reports."""
     rpcs = []
     for index, camera in enumerate(cameras):
         rpcs.append(fit_camera(camera, scene.terrain.height_range))
         advance(progress, (index + 1) / len(cameras), "fitting RPCs")
     return tuple(rpcs)
-
-
-def _draw_vendor_error(view: SceneView, spec: SceneSpec, noise: Noise, index: int) -> OrientationError:
-    if view.vendor_error is not None:
-        return view.vendor_error
-    return view.sensor.accuracy.draw(np.random.default_rng([spec.seed, 42, index]), noise.vendor)
 
 
 def _place_targets(scene: Scene, cameras: Sequence[PushbroomCamera], points: PointCounts) -> Scene:
@@ -247,9 +244,3 @@ def _place_points(
     ids = [f"{letter}{number + 1:06d}" for table, letter, _ in tables for number in range(len(table))]
     role = np.concatenate([np.full(len(table), role, dtype=np.int8) for table, _, role in tables])
     return np.array(ids, dtype=str), np.concatenate([table for table, _, _ in tables]), role
-
-
-def _sort_ties(points: TrueImagePoints) -> TrueImagePoints:
-    """Return image points by point, then by image: the order of a block's measurements."""
-    order = np.lexsort((points.image, points.point))
-    return TrueImagePoints(points.point[order], points.image[order], points.xy[order])

@@ -56,6 +56,18 @@ class Chart:
         lon, lat = wrap_degrees(ground[:, 0] - self.lon_deg), ground[:, 1] - self.lat_deg
         return np.column_stack([lon, lat]) * self.scale
 
+    def geotransform(
+        self, west_m: float, north_m: float, step_m: float
+    ) -> tuple[float, float, float, float, float, float]:
+        """Return GDAL's geotransform in degrees of a north-up raster of square pixels.
+
+        ``west_m`` and ``north_m`` are the centre of its first pixel in chart metres, ``step_m`` is the pixels' side.
+        """
+        lon_step, lat_step = step_m / self.scale
+        west = self.lon_deg + (west_m - step_m / 2.0) / self.scale[0]
+        north = self.lat_deg + (north_m + step_m / 2.0) / self.scale[1]
+        return float(west), float(lon_step), 0.0, float(north), 0.0, -float(lat_step)
+
 
 @dataclass(frozen=True, eq=False)
 class TerrainSurface:
@@ -75,10 +87,7 @@ class TerrainSurface:
     @property
     def geotransform(self) -> tuple[float, float, float, float, float, float]:
         """GDAL geotransform of the posts in degrees: each is the centre of its pixel."""
-        lon_step, lat_step = self.post_m / self.chart.scale
-        west = self.chart.lon_deg + (self.west_m - self.post_m / 2.0) / self.chart.scale[0]
-        north = self.chart.lat_deg + (self.north_m + self.post_m / 2.0) / self.chart.scale[1]
-        return float(west), float(lon_step), 0.0, float(north), 0.0, -float(lat_step)
+        return self.chart.geotransform(self.west_m, self.north_m, self.post_m)
 
     def height(self, east: np.ndarray, north: np.ndarray) -> np.ndarray:
         """Return heights (m) at chart positions of any shape; beyond the edge the outermost posts continue."""

@@ -9,7 +9,7 @@ and roads are ramps as wide as the Gaussian's equivalent width; objects have the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
@@ -165,7 +165,7 @@ class Texture:
             fine = fine.mix(date_noise, change)
             sun = change * np.random.default_rng([seed, 34, date]).uniform(-np.pi, np.pi)
             canopy = PeriodicField.tree_crowns(1024, 0.5, 6.0, np.random.default_rng([seed, 32]), sun)
-            landscape = self.landscape.at_date(date, change)
+            landscape = replace(self.landscape, date=date, change=change)
         fields = tuple(field.blur(sigma) for field in (fine, self.broad, canopy))
         return SensorTexture(landscape, fields, sigma, band)
 
@@ -221,6 +221,7 @@ class SensorTexture:
         return border.astype(np.int32) - 1, share
 
     def _roads_along(self, u: np.ndarray) -> np.ndarray:
+        """Return the share of each pixel on roads that run along one axis; ``u`` is the lattice metre across them."""
         position = u / np.float32(LAND_LATTICE.block_m)
         border = np.rint(position)
         main = np.rint(border / LAND_LATTICE.main_road_blocks) * LAND_LATTICE.main_road_blocks == border
@@ -266,10 +267,3 @@ def compute_cover(objects: Objects, index: int, east: np.ndarray, north: np.ndar
     sin, cos = np.float32(np.sin(objects.azimuth_rad[index])), np.float32(np.cos(objects.azimuth_rad[index]))
     ahead, right = sin * east_off + cos * north_off, cos * east_off - sin * north_off
     return COVERAGE[str(objects.kind[index])](right, ahead, objects.size_m[index], blur_m)
-
-
-def paint_objects(
-    grey: np.ndarray, east: np.ndarray, north: np.ndarray, objects: Objects, index: int, sigma_m: float, band: int
-) -> None:
-    """Paint one object over the pixels of a window, in place; ``east`` and ``north`` are their chart metres."""
-    grey += compute_cover(objects, index, east, north, sigma_m) * (objects.grey[index, band] - grey)

@@ -6,14 +6,15 @@ cut from the same tiles.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
 from .landscape import Objects
-from .texture import SensorTexture, paint_objects
+from .texture import SensorTexture, compute_cover
 from .world import constant, constants
 
 
@@ -23,13 +24,6 @@ class TILES:
 
     tile_px: int = constant(256, "px", "side of a tile")
     reach_sigmas: float = constant(4.0, "sigma", "reach of an object's blur")
-
-
-def list_tiles(sample: int, line: int, samples: int, lines: int) -> Iterator[tuple[int, int]]:
-    """Yield row and column of the tiles that a window touches, in reading order."""
-    for row in range(line // TILES.tile_px, -(-(line + lines) // TILES.tile_px)):
-        for column in range(sample // TILES.tile_px, -(-(sample + samples) // TILES.tile_px)):
-            yield row, column
 
 
 def cut_window(
@@ -42,10 +36,10 @@ def cut_window(
     if sample < 0 or line < 0 or sample + samples > size[0] or line + lines > size[1]:
         raise ValueError(f"window {sample}, {line}, {samples} x {lines} is not inside {size[0]} x {size[1]}")
     window = np.empty((lines, samples), dtype=np.uint16)
-    for row, column in list_tiles(sample, line, samples, lines):
-        pixels = tile(row, column)
+    tops = range(line // TILES.tile_px, -(-(line + lines) // TILES.tile_px))
+    for row, column in product(tops, range(sample // TILES.tile_px, -(-(sample + samples) // TILES.tile_px))):
         top, left = row * TILES.tile_px - line, column * TILES.tile_px - sample  # of the tile, in the window
-        part = pixels[max(-top, 0) : lines - top, max(-left, 0) : samples - left]
+        part = tile(row, column)[max(-top, 0) : lines - top, max(-left, 0) : samples - left]
         window[max(top, 0) :, max(left, 0) :][: part.shape[0], : part.shape[1]] = part
     return window
 
@@ -100,8 +94,9 @@ class TilePainter:
         return grey
 
     def paint(self, index: int, grey: np.ndarray, east: np.ndarray, north: np.ndarray) -> None:
-        """Paint an object over grey values at chart positions."""
-        paint_objects(grey, east, north, objects=self.objects, index=index, sigma_m=self.blur_m, band=self.texture.band)
+        """Paint an object over grey values at chart positions, in place."""
+        cover = compute_cover(self.objects, index, east, north, self.blur_m)
+        grey += cover * (self.objects.grey[index, self.texture.band] - grey)
 
     def touching(self, row: int, column: int) -> list[tuple[int, tuple[slice, slice]]]:
         """Return the objects that touch a tile, in painting order, and the part of it that each one's box covers."""
@@ -119,7 +114,6 @@ class TilePainter:
         touching: dict[tuple[int, int], list[int]] = {}
         for index in np.flatnonzero(visible):
             first_column, last_column, first_row, last_row = np.clip(self.boxes[index], 0, limits) // TILES.tile_px
-            for row in range(first_row, last_row + 1):
-                for column in range(first_column, last_column + 1):
-                    touching.setdefault((row, column), []).append(int(index))
+            for tile in product(range(first_row, last_row + 1), range(first_column, last_column + 1)):
+                touching.setdefault(tile, []).append(int(index))
         return touching

@@ -31,7 +31,7 @@ def make_truth_document(simulated: BlockSimulation) -> dict[str, Any]:
 
     Parameters
     ----------
-    simulated : SimulatedBlock
+    simulated : BlockSimulation
         The block.
 
     Returns
@@ -42,7 +42,7 @@ def make_truth_document(simulated: BlockSimulation) -> dict[str, Any]:
     truth, views = simulated.truth, simulated.views
     points = truth.image_points
     image_ids = np.array([view.id for view in views])
-    gross = [[str(truth.ids[p]), str(image_ids[i])] for p, i in _list_rows(points.point, points.image, truth.blunder)]
+    gross = points.select(truth.blunder)
     return {
         "schema": 1,
         "conventions": {
@@ -62,19 +62,15 @@ def make_truth_document(simulated: BlockSimulation) -> dict[str, Any]:
             [str(truth.ids[p]), str(image_ids[i]), *xy.tolist()]
             for p, i, xy in zip(points.point, points.image, points.xy, strict=True)
         ],
-        "blunders": gross,
+        "blunders": np.column_stack([truth.ids[gross.point], image_ids[gross.image]]).tolist(),
         "wrong_heights": truth.ids[truth.wrong_height].tolist(),
     }
 
 
-def _list_rows(point: np.ndarray, image: np.ndarray, is_listed: np.ndarray) -> list[tuple[int, int]]:
-    return list(zip(point[is_listed].tolist(), image[is_listed].tolist(), strict=True))
-
-
 def _describe_image(simulated: BlockSimulation, index: int) -> dict[str, Any]:
-    view, truth = simulated.views[index], simulated.truth
-    document = asdict(view)
-    document |= {
+    """Return what an image was taken with: its view, true and stated orientation, and both RPCs."""
+    truth = simulated.truth
+    return asdict(simulated.views[index]) | {
         "gsd_m": list(truth.cameras[index].gsd_m()),
         "vendor_error": asdict(truth.vendor_cameras[index].error),
         "camera": _describe_camera(truth.cameras[index]),
@@ -82,7 +78,6 @@ def _describe_image(simulated: BlockSimulation, index: int) -> dict[str, Any]:
         "true_rpc": _describe_fit(truth.rpcs[index]),
         "bands": list(SPECTRAL_BANDS),
     }
-    return document
 
 
 def _describe_camera(camera: PushbroomCamera) -> dict[str, Any]:
@@ -110,7 +105,7 @@ def make_truth_tables(simulated: BlockSimulation) -> dict[str, TruthTable]:
 
     Parameters
     ----------
-    simulated : SimulatedBlock
+    simulated : BlockSimulation
         The block.
 
     Returns
@@ -189,13 +184,16 @@ def _tabulate_changes(simulated: BlockSimulation) -> TruthTable:
     for acquisition in simulated.acquisitions:
         season = SeasonLandscape.from_acquisition(scene.landscape, acquisition, scene.spec.lat_deg)
         now, ploughed = year.standing(acquisition.day), season.ploughed[tuple(parcels.T % LAND_LATTICE.parcels)]
-        rows.append(("built", acquisition, objects.position_m[now & ~standing]))
-        rows.append(("torn", acquisition, objects.position_m[standing & ~now]))
         was_bare = ploughed if bare is None else bare
-        rows.append(("ploughed", acquisition, centres[ploughed & ~was_bare]))
-        rows.append(("grown", acquisition, centres[was_bare & ~ploughed]))
-        rows.append(("car", acquisition, park_cars(scene.landscape, scene.half_extent_m, acquisition).position_m))
-        rows.append(("snow", acquisition, np.zeros((int(acquisition.snow > 0.0), 2))))
+        places = {
+            "built": objects.position_m[now & ~standing],
+            "torn": objects.position_m[standing & ~now],
+            "ploughed": centres[ploughed & ~was_bare],
+            "grown": centres[was_bare & ~ploughed],
+            "car": park_cars(scene.landscape, scene.half_extent_m, acquisition).position_m,
+            "snow": np.zeros((int(acquisition.snow > 0.0), 2)),
+        }
+        rows += [(kind, acquisition, place) for kind, place in places.items()]
         standing, bare = now, ploughed
     count = [len(place) for _, _, place in rows]
     place = np.concatenate([place for _, _, place in rows])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -176,14 +177,16 @@ def make_strip_views(
     forward = np.array([np.sin(heading), np.cos(heading)])
     left = np.array([-np.cos(heading), np.sin(heading)])
     views: list[SceneView] = []
-    for strip in range(strips):
-        for place in range(per_strip):
-            shift = (strip - (strips - 1) / 2) * across * left + (place - (per_strip - 1) / 2) * along * forward
-            offset = float(shift[0]), float(shift[1])
-            prefix = f"strip{strip + 1}_{place + 1}"
-            views += make_along_track_views(
-                sensor, images_per_place, size, across_deg=0.0, heading_deg=heading_deg, offset_m=offset, prefix=prefix
-            )
+    for strip, place in product(range(strips), range(per_strip)):
+        shift = (strip - (strips - 1) / 2) * across * left + (place - (per_strip - 1) / 2) * along * forward
+        views += make_along_track_views(
+            sensor,
+            images_per_place,
+            size,
+            heading_deg=heading_deg,
+            offset_m=(float(shift[0]), float(shift[1])),
+            prefix=f"strip{strip + 1}_{place + 1}",
+        )
     return tuple(views)
 
 
@@ -226,16 +229,18 @@ def make_views_of_dates(
     for acquisition in acquisitions:
         tilt, side = off_nadir_deg * np.sqrt(rng.random()), rng.uniform(0.0, 2.0 * np.pi)
         missed = 0.04 * sensor.gsd_m * min(size) * rng.standard_normal(2)
-        for view in make_along_track_views(sensor, images, size, heading_deg=heading_deg + 2.0 * rng.standard_normal()):
-            views.append(
-                replace(
-                    view,
-                    id=f"d{acquisition.number:0{width}d}_{view.id.rpartition('_')[2]}",
-                    along_deg=float(view.along_deg + tilt * np.cos(side)),
-                    across_deg=float(tilt * np.sin(side)),
-                    offset_m=(float(missed[0]), float(missed[1])),
-                    acquisition=acquisition,
-                    radiometry=acquisition.radiometry(view.radiometry),
-                )
+        views += [
+            replace(
+                view,
+                id=f"d{acquisition.number:0{width}d}_{view.id.rpartition('_')[2]}",
+                along_deg=float(view.along_deg + tilt * np.cos(side)),
+                across_deg=float(tilt * np.sin(side)),
+                offset_m=(float(missed[0]), float(missed[1])),
+                acquisition=acquisition,
+                radiometry=acquisition.radiometry(view.radiometry),
             )
+            for view in make_along_track_views(
+                sensor, images, size, heading_deg=heading_deg + 2.0 * rng.standard_normal()
+            )
+        ]
     return tuple(views)
