@@ -133,9 +133,8 @@ class DirectRPC:
 
     def compute_refined_rpc(self, image: Image, values: np.ndarray) -> RefitRPC:
         """Return the RPC with the new coefficients: exact."""
-        if not np.any(values):
-            return RefitRPC(image.rpc, 0.0)
-        return RefitRPC(correct_coefficients(image.rpc, self._root(image) @ values), 0.0)
+        changed = np.any(values)
+        return RefitRPC(correct_coefficients(image.rpc, self._root(image) @ values) if changed else image.rpc, 0.0)
 
     def _root(self, image: Image) -> np.ndarray:
         """Return L; kept, because every pass asks for it again."""
@@ -149,12 +148,8 @@ class DirectRPC:
 
 def correct_coefficients(rpc: RPC, change: np.ndarray) -> RPC:
     """Return an RPC with its coefficients changed by ``(78,)``, in the order of `SLICES`."""
-    new = {}
-    for name, part in SLICES.items():
-        coefficients = getattr(rpc, name).copy()
-        coefficients[20 - (part.stop - part.start) :] += change[part]
-        new[name] = coefficients
-    return replace(rpc, **new)
+    changes = {name: change[part] for name, part in SLICES.items()}  # 20, or 19 without a denominator's constant
+    return replace(rpc, **{name: getattr(rpc, name) + np.pad(one, (20 - len(one), 0)) for name, one in changes.items()})
 
 
 def differentiate_by_coefficients(rpc: RPC, ground: np.ndarray, xy: np.ndarray) -> np.ndarray:
@@ -182,7 +177,7 @@ def _virtual_information(image: Image, shape: tuple[int, int, int]) -> np.ndarra
     return np.asarray(matrix.T @ matrix)
 
 
-def _loose_information() -> np.ndarray:
+def _loose_information(_image: Image) -> np.ndarray:
     """Return the information of coefficients of which only the size is known: of order 1, denominators nearly 1."""
     sigma = np.ones(COEFFICIENTS)
     sigma[SLICES["samp_den"]] = sigma[SLICES["line_den"]] = DIRECT_METHOD.denominator_sigma
@@ -191,10 +186,7 @@ def _loose_information() -> np.ndarray:
 
 def _parameter_information(image: Image) -> np.ndarray:
     """Return the weights of observed coefficients: each as good as its effect in the image."""
-    rpc = image.rpc
-    effect = np.empty(COEFFICIENTS)
-    effect[: SLICES["line_num"].start] = abs(rpc.samp_scale)
-    effect[SLICES["line_num"].start :] = abs(rpc.line_scale)
+    effect = np.repeat(np.abs([image.rpc.samp_scale, image.rpc.line_scale]), COEFFICIENTS // 2)
     return np.diag((effect / DIRECT_METHOD.systematic_px) ** 2)
 
 
@@ -216,9 +208,8 @@ def iterate_from_linear(equations: ObservationEquations) -> tuple[np.ndarray, in
 def estimate_in_one_step(equations: ObservationEquations) -> tuple[np.ndarray, int, str]:
     """Sequential least squares: one update of the old solution by all new observations, linearised at the old one."""
     sigmas = equations.sigmas
-    values = np.zeros(len(sigmas))
-    state = equations.linearise_at(values)
-    values = sigmas * solve_step(state.matrix, state.right, values, sigmas)
+    state = equations.linearise_at(np.zeros(len(sigmas)))
+    values = sigmas * solve_step(state.matrix, state.right, state.values, sigmas)
     return values, 1, _describe_single_pass(equations, values)
 
 
@@ -244,9 +235,8 @@ def _describe_single_pass(equations: ObservationEquations, values: np.ndarray) -
     step = solve_step(state.matrix, state.right, values, equations.sigmas)
     freedom = max(2 * len(equations.control) - len(values), 1)
     distance_sigmas = float(np.sqrt(max(step @ equations.gradient(state), 0.0) / max(1.0, 2.0 * state.cost / freedom)))
-    if distance_sigmas < DIRECT_METHOD.harmless_sigmas:
-        return CONVERGED
-    return f"passed over the points once, {distance_sigmas:.2g} sigma from the minimum"
+    note = f"passed over the points once, {distance_sigmas:.2g} sigma from the minimum"
+    return CONVERGED if distance_sigmas < DIRECT_METHOD.harmless_sigmas else note
 
 
 #: Estimation of the methods that do not iterate from the linear equations.
@@ -254,11 +244,12 @@ _SOLVERS: dict[str, Estimator] = {"slss": estimate_in_one_step, "idkf": estimate
 
 
 def _make_method(name: str, title: str, information: Information) -> DirectRPC:
+    """Return a direct method with its own estimation, or the iteration from the linear equations."""
     return DirectRPC(name, title, information, solve=_SOLVERS.get(name, iterate_from_linear))
 
 
 _MAKERS: dict[str, Callable[..., DirectRPC]] = {
-    "loose": lambda name, title: _make_method(name, title, lambda _image: _loose_information()),
+    "loose": lambda name, title: _make_method(name, title, _loose_information),
     "grid": lambda name, title, shape: _make_method(name, title, lambda image: _virtual_information(image, shape)),
     "coefficients": lambda name, title: _make_method(name, title, _parameter_information),
 }

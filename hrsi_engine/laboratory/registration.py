@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,11 +19,14 @@ from .registration_options import RegistrationOptions
 
 
 class TransformationModel(NamedTuple):
-    """A family of transformations: number of parameters, start by linear equations, application to points."""
+    """A family of transformations: number of parameters, and the matrix of least squares.
+
+    fit : of points ``(n, 2)`` of the first and second image and their weights ``(n,)``; returns the homogeneous
+    matrix ``(3, 3)``, raises `SolveError` where the points do not determine it
+    """
 
     unknowns: int
-    start: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-    apply: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    fit: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,51 +59,33 @@ class ResidualSummary:
     largest: float
 
 
-def _solve_linear(
-    columns: Callable[[np.ndarray], np.ndarray], to_matrix: Callable[[np.ndarray], np.ndarray]
-) -> Callable:
-    def start(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        design = columns(first)
-        root = np.sqrt(np.repeat(weight, 2))
-        values, _, rank, _ = np.linalg.lstsq(design * root[:, None], second.ravel() * root, rcond=1e-12)
-        if rank < design.shape[1]:
-            raise SolveError("the points do not determine the transformation: they lie on a line; add points")
-        return to_matrix(values)
+#: Matrices ``(k, 2, 3)`` that are summed, each times a parameter, to the upper two rows of a transformation.
+AFFINE_TERMS = np.eye(6).reshape(6, 2, 3)
+CONFORMAL_TERMS = np.array(
+    [[[1, 0, 0], [0, 1, 0]], [[0, -1, 0], [1, 0, 0]], [[0, 0, 1], [0, 0, 0]], [[0, 0, 0], [0, 0, 1]]], dtype=np.float64
+)
 
-    return start
+
+def _fit_linear(first: np.ndarray, second: np.ndarray, weight: np.ndarray, terms: np.ndarray) -> np.ndarray:
+    """Return the transformation that is linear in its parameters, by one least-squares solution."""
+    homogeneous = np.column_stack([first, np.ones(len(first))])
+    design = np.einsum("kij,nj->nik", terms, homogeneous).reshape(-1, len(terms))
+    root = np.sqrt(np.repeat(weight, 2))
+    values, _, rank, _ = np.linalg.lstsq(design * root[:, None], second.ravel() * root, rcond=1e-12)
+    if rank < len(terms):
+        raise SolveError("the points do not determine the transformation: they lie on a line; add points")
+    return np.vstack([np.tensordot(values, terms, 1), [0.0, 0.0, 1.0]])
 
 
 def _fit_shift(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the weighted mean of the shifts, which any points determine."""
     offset = np.average(second - first, axis=0, weights=weight)
     return np.array([[1.0, 0.0, offset[0]], [0.0, 1.0, offset[1]], [0.0, 0.0, 1.0]])
 
 
-def _design_affine(xy: np.ndarray) -> np.ndarray:
-    design = np.zeros((2 * len(xy), 6))
-    design[0::2, :2], design[1::2, 3:5] = xy, xy
-    design[0::2, 2] = design[1::2, 5] = 1.0
-    return design
-
-
-def _make_affine(values: np.ndarray) -> np.ndarray:
-    return np.vstack([values.reshape(2, 3), [0.0, 0.0, 1.0]])
-
-
-def _design_conformal(xy: np.ndarray) -> np.ndarray:
-    design = np.zeros((2 * len(xy), 4))
-    design[0::2, 0], design[0::2, 1], design[0::2, 2] = xy[:, 0], -xy[:, 1], 1.0
-    design[1::2, 0], design[1::2, 1], design[1::2, 3] = xy[:, 1], xy[:, 0], 1.0
-    return design
-
-
-def _make_conformal(values: np.ndarray) -> np.ndarray:
-    a, b, c, d = values
-    return np.array([[a, -b, c], [b, a, d], [0.0, 0.0, 1.0]])
-
-
 def _fit_projective(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the homography with least residuals in the second image, by Gauss-Newton from the affine solution."""
-    H = REGISTRATION_FORMS["affine"].start(first, second, weight)
+    H = _fit_linear(first, second, weight, AFFINE_TERMS)
     root = np.sqrt(np.repeat(weight, 2))
     for _ in range(20):
         xyw = np.column_stack([first, np.ones(len(first))])
@@ -125,10 +111,10 @@ def apply_matrix(H: np.ndarray, xy: np.ndarray) -> np.ndarray:
 
 
 REGISTRATION_FORMS: dict[str, TransformationModel] = {
-    "shift": TransformationModel(2, _fit_shift, apply_matrix),
-    "conformal": TransformationModel(4, _solve_linear(_design_conformal, _make_conformal), apply_matrix),
-    "affine": TransformationModel(6, _solve_linear(_design_affine, _make_affine), apply_matrix),
-    "projective": TransformationModel(8, _fit_projective, apply_matrix),
+    "shift": TransformationModel(2, _fit_shift),
+    "conformal": TransformationModel(4, partial(_fit_linear, terms=CONFORMAL_TERMS)),
+    "affine": TransformationModel(6, partial(_fit_linear, terms=AFFINE_TERMS)),
+    "projective": TransformationModel(8, _fit_projective),
 }
 
 
@@ -163,20 +149,21 @@ def register_points(
 def _fit_transformation(
     form: TransformationModel, first: np.ndarray, second: np.ndarray, sigma: np.ndarray, is_used: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
+    """Return the matrix by the points in use, and the residuals ``(n, 2)`` of all points.
+
+    The equations are solved for coordinates about the points' middle, of order 1; a shift needs no such scaling.
+    """
     if 2 * is_used.sum() < form.unknowns:
         raise SolveError(f"{is_used.sum()} points are too few for {form.unknowns} parameters: add points")
-    origins, scale = (
-        (first[is_used].mean(axis=0), second[is_used].mean(axis=0)),
-        max(float(np.ptp(first[is_used])), 1.0),
-    )
-    a, b = (first - origins[0]) / scale, (second - origins[1]) / scale
-    inner = form.start(a[is_used], b[is_used], 1.0 / sigma[is_used] ** 2) if form.unknowns > 2 else None
-    if inner is None:
-        matrix = form.start(first[is_used], second[is_used], 1.0 / sigma[is_used] ** 2)
-    else:
+    a, b, weight = first[is_used], second[is_used], 1.0 / sigma[is_used] ** 2
+    if form.unknowns > 2:
+        origins, scale = (a.mean(axis=0), b.mean(axis=0)), max(float(np.ptp(a)), 1.0)
+        inner = form.fit((a - origins[0]) / scale, (b - origins[1]) / scale, weight)
         matrix = _make_similarity(scale, origins[1]) @ inner @ np.linalg.inv(_make_similarity(scale, origins[0]))
+    else:
+        matrix = form.fit(a, b, weight)
     matrix = matrix / matrix[2, 2]
-    return matrix, second - form.apply(matrix, first)
+    return matrix, second - apply_matrix(matrix, first)
 
 
 def _make_similarity(scale: float, origin: np.ndarray) -> np.ndarray:
@@ -184,6 +171,7 @@ def _make_similarity(scale: float, origin: np.ndarray) -> np.ndarray:
 
 
 def _is_inlier(residual: np.ndarray, sigma: np.ndarray, is_used: np.ndarray, reject_sigma: float) -> np.ndarray:
+    """Return the mask ``(n,)`` of points within so many robust standard deviations of those in use; 0 keeps all."""
     if reject_sigma <= 0.0:
         return np.ones(len(residual), dtype=bool)
     relative = np.hypot(*residual.T) / sigma
@@ -293,19 +281,20 @@ def compare_kinds(
         Even all points together are too few, or lie on a line.
     """
     groups = np.array([choose_group(str(kind)) for kind in kinds])
+    members = {group: groups == group for group in sorted(set(groups.tolist()))}
     everything = register_points(first_px, second_px, model, sigma_px, reject_sigma)
-    registrations = {"all": everything}
-    separate, joint = {}, {}
-    for group in sorted(set(groups.tolist())):
-        in_group = groups == group
-        summary = summarise_residuals(everything.residual_px[in_group & everything.used], unit)
-        if summary is not None:
-            joint[group] = summary
-        if 2 * in_group.sum() <= REGISTRATION_FORMS[model].unknowns:
-            continue
-        registration = register_points(first_px, second_px, model, sigma_px, reject_sigma, in_group)
-        registrations[group] = registration
-        summary = summarise_residuals(registration.residual_px[registration.used], unit)
-        if summary is not None:
-            separate[group] = summary
-    return MethodComparison(separate, joint, registrations)
+    separate = {
+        group: register_points(first_px, second_px, model, sigma_px, reject_sigma, in_group)
+        for group, in_group in members.items()
+        if 2 * in_group.sum() > REGISTRATION_FORMS[model].unknowns
+    }
+    alone = {group: summarise_residuals(one.residual_px[one.used], unit) for group, one in separate.items()}
+    together = {
+        group: summarise_residuals(everything.residual_px[in_group & everything.used], unit)
+        for group, in_group in members.items()
+    }
+    return MethodComparison(
+        {group: summary for group, summary in alone.items() if summary is not None},
+        {group: summary for group, summary in together.items() if summary is not None},
+        {"all": everything} | separate,
+    )

@@ -36,7 +36,7 @@ class IMAGE_FILES:
     window_samples: int = threshold(1024, "px", "samples that one thread renders together")
 
 
-PixelStrip = tuple[int, int, np.ndarray]  # band, first sample, pixels
+PixelStrip = tuple[int, int, Future[tuple[np.ndarray, np.ndarray]]]  # band, first sample, pixels and their mask
 
 
 def write_image(
@@ -62,17 +62,13 @@ def write_image(
                 _georeference_file(dataset, geotransform)
             for line, parts in _iterate_tile_rows(bands, threads):
                 advance(progress, line / lines, f"rendering {os.path.basename(path)}")
-                _write_row(dataset, line, parts)
+                for band, sample, pixels in parts:
+                    dataset.GetRasterBand(band + 1).WriteArray(pixels.result()[0], sample, line)
+                dataset.FlushCache()  # GDAL would keep up to a twentieth of the machine's memory
                 _require_quiet(path, messages)
             del dataset
         _require_quiet(path, messages)
     advance(progress, 1.0, f"wrote {os.path.basename(path)}")
-
-
-def _write_row(dataset: gdal.Dataset, line: int, parts: list[PixelStrip]) -> None:
-    for band, sample, pixels in parts:
-        dataset.GetRasterBand(band + 1).WriteArray(pixels, sample, line)
-    dataset.FlushCache()  # GDAL would keep up to a twentieth of the machine's memory
 
 
 def _create_file(
@@ -106,31 +102,31 @@ def _georeference_file(dataset: gdal.Dataset, geotransform: Geotransform) -> Non
 
 
 def _iterate_tile_rows(bands: Sequence[Raster], threads: int) -> Iterator[tuple[int, list[PixelStrip]]]:
-    """Yield the first line and the parts of each row of tiles, while the next row is in work."""
+    """Yield the first line and the parts of each row of tiles, while the next row is in work.
+
+    A consumer that stops early cancels what has not begun.
+    """
     samples, lines = bands[0].size
     with ThreadPoolExecutor(max(threads, 1)) as pool:
-        waiting: deque[tuple[int, list[tuple[int, int, Future]]]] = deque()
+        waiting: deque[tuple[int, list[PixelStrip]]] = deque()
         try:
             for line in range(0, lines, IMAGE_FILES.tile_px):
                 height = min(IMAGE_FILES.tile_px, lines - line)
-                jobs = []
-                for band, raster in enumerate(bands):
-                    for sample in range(0, samples, IMAGE_FILES.window_samples):
-                        width = min(IMAGE_FILES.window_samples, samples - sample)
-                        jobs.append((band, sample, pool.submit(raster.read, sample, line, width, height)))
+                windows = [
+                    (sample, line, min(IMAGE_FILES.window_samples, samples - sample), height)
+                    for sample in range(0, samples, IMAGE_FILES.window_samples)
+                ]
+                jobs = [
+                    (band, window[0], pool.submit(raster.read, *window))
+                    for band, raster in enumerate(bands)
+                    for window in windows
+                ]
                 waiting.append((line, jobs))
                 if len(waiting) > 1:
-                    yield _finish_file(*waiting.popleft())
-            while waiting:
-                yield _finish_file(*waiting.popleft())
+                    yield waiting.popleft()
+            yield from waiting
         finally:
-            for _, jobs in waiting:
-                for _, _, job in jobs:
-                    job.cancel()
-
-
-def _finish_file(line: int, jobs: list[tuple[int, int, Future]]) -> tuple[int, list[PixelStrip]]:
-    return line, [(band, sample, job.result()[0]) for band, sample, job in jobs]
+            pool.shutdown(cancel_futures=True)
 
 
 def write_dem(path: str, heights: np.ndarray, geotransform: Geotransform) -> None:

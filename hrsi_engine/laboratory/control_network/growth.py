@@ -228,7 +228,7 @@ def select_consistent(
     return is_valid, residual, across
 
 
-def compute_epipolar_residuals(first: np.ndarray, second: np.ndarray, iterations: int = 10) -> np.ndarray:
+def compute_epipolar_residuals(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the signed distances ``(n,)`` px of pairs from their robust affine epipolar geometry.
 
     Points of two views by parallel rays fulfil ``a x + b y + c x' + d y' + e = 0`` whatever the relief (Koenderink
@@ -237,7 +237,7 @@ def compute_epipolar_residuals(first: np.ndarray, second: np.ndarray, iterations
     """
     joint = np.column_stack([first, second])
     weight = np.ones(len(joint))
-    for _ in range(iterations):
+    for _ in range(10):
         middle = np.average(joint, axis=0, weights=weight)
         centred = joint - middle
         normal = np.linalg.eigh((centred * weight[:, None]).T @ centred)[1][:, 0]

@@ -55,7 +55,7 @@ class ControlNetworkMatch:
         ``found``, ``ambiguous`` or ``no match``.
     message : str
         What that means here, empty where found.
-    positions : Positions
+    positions : NodePositions
         Sample and line in both images with their sigmas and residuals.
     kind : (k,) ndarray of str
         Of the interest points.
@@ -197,6 +197,7 @@ def _match_at_scale(
 def _open_window(
     raster: Raster, area: Area, options: ControlNetworkOptions, reduction: float, progress: Progress
 ) -> NetworkWindow:
+    """Return a window with its interest points, reduced; raises `InputError` where it is too large for the memory."""
     samples, lines = area.right - area.left, area.bottom - area.top
     if samples * lines > CONTROL_NETWORK.largest_window_px:
         raise InputError(

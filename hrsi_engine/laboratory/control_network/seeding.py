@@ -10,7 +10,6 @@ Else the likeliest hypotheses are compared by what their nodes look like (`find_
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -106,8 +105,7 @@ def find_seeds(
         match = match_super_points(first.xy[rows], second.xy[theirs], *criteria, part)
         attempts.append(match)
         if match.best is not None and match.status != AMBIGUOUS:
-            complete = make_network(match.best, first, second, rows, theirs)
-            network = verify_network(complete, first, second, options.correlation)
+            network = make_network(match.best, first, second, rows, theirs, options.correlation)
             if _has_enough_nodes(network, match.best):
                 yield Seed(network, match.best, match.runner_up)
     if similarity is not None and not any(match.status == AMBIGUOUS for match in attempts):
@@ -128,8 +126,7 @@ def find_grey_seeds(
         sets = bound_root_pairs(first.xy[rows], second.xy[theirs], options.tolerance, reach_px, options.scales)
         hypotheses += find_likely_hypotheses(sets, SEEDING.likely_pairs)
     for hypothesis in hypotheses:
-        complete = make_network(hypothesis, first, second, rows, theirs)
-        network = verify_network(complete, first, second, options.correlation)
+        network = make_network(hypothesis, first, second, rows, theirs, options.correlation)
         if _has_enough_nodes(network, hypothesis):
             tested.append((len(network), network, hypothesis))
     if not tested:
@@ -159,40 +156,44 @@ def find_feature_seeds(
     scale, turn = float(np.hypot(*matrix[:, 0])), float(np.arctan2(matrix[1, 0], matrix[0, 0]))
     hypothesis = Hypothesis((-1, -1), (-1, -1), scale, turn, np.column_stack([a, b])[selected], 0.0)
     all_rows = np.arange(max(len(first.xy), len(second.xy)))
-    network = verify_network(
-        make_network(hypothesis, first, second, all_rows, all_rows), first, second, options.correlation
-    )
+    network = make_network(hypothesis, first, second, all_rows, all_rows, options.correlation)
     if _has_enough_nodes(network, hypothesis):
         yield Seed(network, hypothesis, 0, SEEDING.feature_spread_px)
 
 
 def _has_enough_nodes(network: Network, hypothesis: Hypothesis) -> bool:
+    """Return whether enough nodes look similar: in number, and of the hypothesis's correspondences."""
     return len(network) >= max(SEEDING.fewest_nodes, SEEDING.smallest_node_share * hypothesis.count)
 
 
 def make_network(
-    best: Hypothesis, first: NetworkWindow, second: NetworkWindow, rows: np.ndarray, theirs: np.ndarray
+    best: Hypothesis,
+    first: NetworkWindow,
+    second: NetworkWindow,
+    rows: np.ndarray,
+    theirs: np.ndarray,
+    least_correlation: float,
 ) -> Network:
-    """Return a hypothesis as a network: the root, and its leaves."""
+    """Return a hypothesis as a network: the root and its leaves, ``rows`` and ``theirs`` of the two windows' points.
+
+    Nodes are left out that do not look similar under the hypothesis's rotation and scale, or do not agree with their
+    neighbours.
+    """
     a, b = rows[best.pairs[:, 0]], theirs[best.pairs[:, 1]]
     father, generation = np.zeros(len(a), dtype=int), np.ones(len(a), dtype=int)
     father[0], generation[0] = NO_FATHER, 0
     matrix = rotate_offset(np.eye(2), best.rotation_rad, best.scale).T
-    return Network(
+    matrices = np.broadcast_to(matrix, (len(a), 2, 2))
+    correlation = correlate_patches(first, second, first.xy[a], second.xy[b], matrices)
+    complete = Network(
         a,
         b,
         father,
         generation=generation,
-        correlation=np.zeros(len(a)),
+        correlation=correlation,
         first=first.xy[a],
         second=second.xy[b],
         matrix=matrix,
     )
-
-
-def verify_network(network: Network, first: NetworkWindow, second: NetworkWindow, least_correlation: float) -> Network:
-    """Return the nodes that look similar under the network's rotation and scale and agree with their neighbours."""
-    matrices = np.broadcast_to(network.matrix, (len(network), 2, 2))
-    correlation = correlate_patches(first, second, network.first, network.second, matrices)
-    network = replace(network, correlation=correlation).select(correlation >= least_correlation)
+    network = complete.select(correlation >= least_correlation)
     return network.select(agrees_with_neighbours(network, SEEDING.consistency_px))

@@ -94,22 +94,18 @@ class PATCHES:
 
 
 def correlate_patches(
-    first: NetworkWindow,
-    second: NetworkWindow,
-    first_xy: np.ndarray,
-    second_xy: np.ndarray,
-    A: np.ndarray,
-    half_px: int = PATCHES.half_px,
+    first: NetworkWindow, second: NetworkWindow, first_xy: np.ndarray, second_xy: np.ndarray, A: np.ndarray
 ) -> np.ndarray:
     """Return the correlation coefficient ``(n,)`` of each patch with its image under ``A`` (n, 2, 2).
 
+    ``first_xy`` and ``second_xy`` are the patches' middles ``(n, 2)`` in the windows.
     0 where too few pixels of the patch are usable.
     """
     result = np.empty(len(first_xy))
+    y, x = np.mgrid[-PATCHES.half_px : PATCHES.half_px + 1, -PATCHES.half_px : PATCHES.half_px + 1]
+    offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
     for start in range(0, len(first_xy), PATCHES.batch):
         part = slice(start, start + PATCHES.batch)
-        y, x = np.mgrid[-half_px : half_px + 1, -half_px : half_px + 1]
-        offsets = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
         # A patch is spread over as many pixels of the image with the larger scale, so that neither is undersampled.
         ours, our_usable = _sample_patches(first, first_xy[part][:, None, :] + offsets)
         transformed = np.einsum("nij,kj->nki", A[part], offsets)

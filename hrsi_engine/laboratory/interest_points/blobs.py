@@ -13,6 +13,7 @@ size, how even its outline is, and whether it is bright; dark ones are more ofte
 
 from __future__ import annotations
 
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -113,7 +114,7 @@ def find_blobs(z: np.ndarray, usable: np.ndarray, options: CentreOptions) -> Blo
     """Return the blobs of a normalised image (float32); those that touch unusable pixels are left out."""
     xy, sigma, sign = _find_seeds(z)
     radius = BLOBS.radius_of_sigma * sigma
-    levels = _SlopePyramid(z)
+    slopes_of = cache(partial(_compute_slopes, z))  # by the factor of reduction
     for _ in range(2):
         if not len(xy):
             break
@@ -124,7 +125,7 @@ def find_blobs(z: np.ndarray, usable: np.ndarray, options: CentreOptions) -> Blo
             rows = np.flatnonzero(factor == reduced)
             for start in range(0, len(rows), BLOBS.batch):
                 part = rows[start : start + BLOBS.batch]
-                radii[part] = _trace_best_paths(levels.slopes(reduced), reduced, xy[part], radius[part], sign[part])
+                radii[part] = _trace_best_paths(slopes_of(reduced), reduced, xy[part], radius[part], sign[part])
         # The centres of gravity of the outlines, and the radii of circles of their area
         corner = radii * _DIRECTION
         following = np.roll(corner, -1, axis=1)
@@ -182,24 +183,14 @@ def _find_seeds(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return xy, scales, sign
 
 
-class _SlopePyramid:
-    """Slopes of an image and of it reduced by 2 and 4, complex: by column + 1j by row."""
-
-    def __init__(self, z: np.ndarray) -> None:
-        self._z = z
-        self._slopes: dict[int, np.ndarray] = {}
-
-    def slopes(self, factor: int) -> np.ndarray:
-        """Return the slopes of the image reduced by a factor, per pixel of it."""
-        if factor not in self._slopes:
-            size = self._z.shape[1] // factor, self._z.shape[0] // factor
-            level = self._z if factor == 1 else reduce_by_area(self._z, size)
-            smooth = blur(level, BLOBS.slope_px, "reflect")
-            half, one = np.array([-0.5, 0.0, 0.5], np.float32), np.array([1.0], np.float32)
-            derivatives = np.empty((*smooth.shape, 2), np.float32)
-            derivatives[..., 0], derivatives[..., 1] = slopes(smooth, one, half, "reflect")
-            self._slopes[factor] = derivatives.view(np.complex64)[..., 0]
-        return self._slopes[factor]
+def _compute_slopes(z: np.ndarray, factor: int) -> np.ndarray:
+    """Return the slopes of an image reduced by a factor, per pixel of it, complex: by column + 1j by row."""
+    level = z if factor == 1 else reduce_by_area(z, (z.shape[1] // factor, z.shape[0] // factor))
+    smooth = blur(level, BLOBS.slope_px, "reflect")
+    half, one = np.array([-0.5, 0.0, 0.5], np.float32), np.array([1.0], np.float32)
+    derivatives = np.empty((*smooth.shape, 2), np.float32)
+    derivatives[..., 0], derivatives[..., 1] = slopes(smooth, one, half, "reflect")
+    return derivatives.view(np.complex64)[..., 0]
 
 
 def _trace_best_paths(
