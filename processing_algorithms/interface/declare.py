@@ -155,13 +155,9 @@ def params_of(options: type) -> tuple[Param, ...]:
 def _declare_param(part: Field[Any], said: Option) -> Param:
     """Return the declaration of an option from a dataclass field."""
     required = part.default is MISSING
-    if said.kind is not None:
-        kind = Kind(said.kind)
-    else:
-        kind = Kind.CHOICE if said.choices else KIND_OF_TYPE[str(part.type).removesuffix(" | None")]
     return Param(
         name=said.name or part.name.replace("_", "-"),
-        kind=kind,
+        kind=Kind(said.kind or (Kind.CHOICE if said.choices else KIND_OF_TYPE[str(part.type).removesuffix(" | None")])),
         help=said.help,
         default=None if required else part.default,
         choices=said.choices,
@@ -234,6 +230,7 @@ def value_facts(param: Param) -> list[str]:
 
 
 def _join_items(items: Iterable[Any]) -> str:
+    """Return items as they are typed in one word: ``A,B``, ``0.5,2``."""
     return ",".join(f"{item:g}" if isinstance(item, float) else str(item) for item in items)
 
 
@@ -364,13 +361,12 @@ class Algorithm:
 
     def files_by_option(self, options: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
         """Return the files and folders that checked options name for reading, by the option's key."""
-        named: dict[str, tuple[str, ...]] = {}
-        for param in self.params:
-            value = options.get(param.key)
-            if param.kind is Kind.FOLDERS:
-                named[param.key] = tuple(word.partition("=")[2] for word in value or ())
-            else:
-                named[param.key] = self.inputs({param.key: value})
+        named = {
+            param.key: tuple(word.partition("=")[2] for word in options.get(param.key) or ())
+            if param.kind is Kind.FOLDERS
+            else self.inputs({param.key: options.get(param.key)})
+            for param in self.params
+        }
         return {key: files for key, files in named.items() if files}
 
     def command(self, given: Mapping[str, Any]) -> str:
@@ -418,10 +414,11 @@ _ARGUMENT = re.compile(r"`([a-z][a-z0-9_]*)`")
 
 def reason_lines(verdict: Mapping[str, Any]) -> list[str]:
     """Return the reasons of a verdict with their advice, the worst last."""
-    lines = []
-    for reason in reversed(verdict["reasons"]):
-        lines += [f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}"]
-    return lines
+    return [
+        line
+        for reason in reversed(verdict["reasons"])
+        for line in (f"{reason['level']}: {reason['message']} [{reason['code']}]", f"    {reason['advice']}")
+    ]
 
 
 def option_label(param: Param) -> str:

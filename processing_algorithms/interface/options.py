@@ -98,6 +98,7 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 
 
 def _parse_text(value: Any) -> str:
+    """Return a text; raise `TypeError` for anything else, `ValueError` for an empty one."""
     if not isinstance(value, str):
         raise TypeError
     if not value:  # probably an empty variable of a script
@@ -111,29 +112,28 @@ def _parse_path(value: Any) -> str:
 
 
 def _parse_paths(value: Any) -> tuple[str, ...]:
+    """Return the paths of one path, or of a sequence of them."""
     single = isinstance(value, (str, os.PathLike))
     return tuple(_parse_path(item) for item in ([value] if single else value))
 
 
-def _parse_ids(value: Any) -> tuple[str, ...]:
-    """Return the ids of ``"A,B"`` or of a sequence; numbers are allowed as ids."""
-    items = value.split(",") if isinstance(value, str) else value
+def _parse_items(value: Any, separator: str = ",") -> tuple[str, ...]:
+    """Return the items of ``"A,B"`` or of a sequence, without blanks and empty ones; numbers are allowed as ids."""
+    items = value.split(separator) if isinstance(value, str) else value
     return tuple(text for item in items if (text := str(item).strip()))
 
 
 def _parse_groups(value: Any) -> tuple[tuple[str, ...], ...]:
     """Return the groups of ``"A+B,C"``, of a sequence of such groups, or of sequences of ids."""
     items = value.split(",") if isinstance(value, str) else value
-    groups = [item.split("+") if isinstance(item, str) else item for item in items]
-    return tuple(tuple(text for one in group if (text := str(one).strip())) for group in groups if group)
+    return tuple(_parse_items(item, "+") for item in items if isinstance(item, str) or item)
 
 
 def _parse_folders(value: Any) -> tuple[str, ...]:
     """Return ``NAME=DIR`` texts of ``"A=DIR;B=DIR"``, of a sequence of such texts, or of directories by name."""
     if isinstance(value, Mapping):
         value = [f"{name}={os.fspath(folder)}" for name, folder in value.items()]
-    items = value.split(";") if isinstance(value, str) else value
-    folders = tuple(text for item in items if (text := str(item).strip()))
+    folders = _parse_items(value, ";")
     if not all(
         name.strip() and equals and folder.strip() for name, equals, folder in (t.partition("=") for t in folders)
     ):
@@ -203,7 +203,7 @@ KINDS = {
     Kind.EXTENT: KindFacts(_parse_text, "a text", "W,S,E,N"),
     Kind.TEXT: KindFacts(_parse_text, "a text", "TEXT"),
     Kind.IDS: KindFacts(
-        _parse_ids, "a list of ids separated by commas", "A,B,...", "str | Iterable[str]", "sequence of str"
+        _parse_items, "a list of ids separated by commas", "A,B,...", "str | Iterable[str]", "sequence of str"
     ),
     Kind.GROUPS: KindFacts(
         _parse_groups, "a list of groups of ids: A+B,C+D", "A+B,C+D,...", _GROUPS_TYPE, "sequence of sequences of str"
