@@ -99,6 +99,7 @@ class LayerOrFile:
         return QgsProcessingFeatureSourceDefinition(text, True) if self.selected_only.isChecked() else text
 
     def set_value(self, value: Any) -> None:
+        """Show a layer, its id, a file or a word; a definition of a source may limit it to the selected features."""
         selected_only = False
         if isinstance(value, QgsProcessingFeatureSourceDefinition):
             value, selected_only = value.source.staticValue(), value.selectedFeaturesOnly
@@ -116,6 +117,7 @@ class LayerOrFile:
         return [str(name) for name in layer.fields().names()]
 
     def _text(self) -> str:
+        """Return the id of the chosen layer, the chosen word, or the typed file."""
         text = self.box.currentText().strip()
         index = self.box.findText(text)
         return str(self.box.itemData(index)) if index >= 0 else text

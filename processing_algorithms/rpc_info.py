@@ -118,6 +118,7 @@ def _operation_entry(operation: CrsOperation, use: OperationUse | None, missing:
 
 
 def _image_entry(view: ViewDirection, geometry: ViewGeometry) -> dict[str, Any]:
+    """Return the report's entry of an image: its RPC and where that is from, viewing geometry, sun and footprint."""
     rpc, path = view.image.rpc, view.image.path
     found = read_rpc(path) if path else FoundRpc(rpc, "in memory")
     lon, lat, height = geometry.centre.tolist()

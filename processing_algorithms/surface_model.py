@@ -305,6 +305,7 @@ def match_tiles(
 
 
 def _match_job(job: TileJob) -> PairHeights:
+    """Return the heights of a tile; a function of the module, so that other processes can be sent it."""
     return match_surface_tile(job.block, job.window, job.plane, job.heights_m)
 
 

@@ -83,6 +83,7 @@ def run(options: TiePointsOptions, context: Context) -> Report:
 
 
 def _make_report(images: Sequence[Image], found: TiePoints, record: Report) -> Report:
+    """Return the report of a search: measurements by image, matches by pair, points by the number of images."""
     rows = found.image_points
     ids, track = np.unique(rows.ids, return_inverse=True)
     views = np.bincount(np.bincount(track, minlength=len(ids))) if len(ids) else np.zeros(0, int)

@@ -74,6 +74,7 @@ def write_image(
 def _create_file(
     path: str, temporary: str, shape: tuple[int, int, int], data_type: int, messages: Messages
 ) -> gdal.Dataset:
+    """Return a new tiled GeoTIFF of samples, lines and bands; raises `OutputError` if it cannot be created."""
     samples, lines, bands = shape
     options = [
         "TILED=YES",

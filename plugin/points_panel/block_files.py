@@ -110,6 +110,7 @@ class BlockFiles:
         return bool(path)
 
     def show_save(self) -> None:
+        """Tell that the block is saved, and show its rows on the map; new chips are added to the library."""
         self.tell(tr("saved: {}").format(self.dock.session.path))
         self.dock.refresh()
         self.store()
@@ -133,6 +134,7 @@ class BlockFiles:
 
     @show_errors
     def _show_state(self, state: PanelState) -> None:
+        """Show the block, model and kind of click that a project refers to."""
         self.dock.ui.model.setCurrentText(state.model)
         self.dock.ui.kind.setCurrentText(state.kind)
         if state.path and state.path != self.dock.session.path:
@@ -140,6 +142,7 @@ class BlockFiles:
             self.dock.ui.model.setCurrentText(state.model)
 
     def _open(self, path: str, point: str = "") -> None:
+        """Show a block of a file, with a point chosen, and adjust it."""
         self.dock.show_session(point_session.open_block(path), point)
         if self.dock.ui.model.findText(self.dock.session.model) >= 0:
             self.dock.ui.model.setCurrentText(self.dock.session.model)
@@ -178,6 +181,7 @@ class BlockFiles:
             self.dock.adjust_measurements()
 
     def store(self) -> None:
+        """Store in the project which block, model, kind of click and point are shown."""
         if self.dock.session.path:
             state = PanelState(
                 self.dock.session.path,

@@ -61,6 +61,7 @@ class PointsDock(QDockWidget):
         self.files.restore()
 
     def _connect(self) -> None:
+        """Connect actions and signals of the widgets with the slots."""
         ui, grid, files = self.ui, self.ui.grid, self.files
         actions = {
             ui.new: files.new, ui.open: files.open, ui.add: files.add_points, ui.remove: self.remove_point,
@@ -252,6 +253,7 @@ class PointsDock(QDockWidget):
             self.tell(tr("Click in an image on a detail that the other images show too: it becomes a tie point"))
 
     def _begin_tie_at(self, image: str, click: tuple[float, float]) -> None:
+        """Enter a tie point at a click, choose it, and search it in the other images; the clicked one does not move."""
         self.ui.tie.setChecked(False)
         fit = self.session.fit(image, click, self.ui.kind.currentText())
         if fit.refusal:

@@ -77,6 +77,7 @@ class PointMarkers(QgsMapCanvasItem):
         self.segment: np.ndarray | None = None  # positions of the chosen point at its possible heights (k, 2)
 
     def show_markers(self, markers: list[Marker]) -> None:
+        """Draw these markers instead of the present ones."""
         self.markers = markers
         places = [[one.predicted, one.measured or _NOWHERE, one.proposed or _NOWHERE] for one in markers]
         self._xy = np.array(places, dtype=np.float64).reshape(-1, 3, 2)
@@ -89,6 +90,7 @@ class PointMarkers(QgsMapCanvasItem):
         self.prepareGeometryChange()
 
     def paint(self, painter: QPainter, option: object = None, widget: object = None) -> None:
+        """Draw the markers near the view: few with names and all their parts, many with one line of each colour."""
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         corners = [self.toCanvasCoordinates(QgsPointXY(*place)) for place in ((0.0, 0.0), (1.0, 0.0), (0.0, -1.0))]
         zero, *sides = np.array([[corner.x(), corner.y()] for corner in corners])

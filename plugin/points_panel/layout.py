@@ -311,14 +311,14 @@ class PanelLayout(QWidget):
         self.enable_answers(has_proposals)
         self.whole.setVisible(has_images)
         self.empty.setVisible(not has_images)
-        for action in (self.save, self.save_as, self.add, self.live, self.tie, self.library):
-            action.setEnabled(has_images)
-        for action in (self.remove, self.previous, self.next, self.take, self.forget, self.transfer):
-            action.setEnabled(has_point)
-        for action in (self.pick, self.go_to):
-            action.setEnabled(has_images and has_map)
-        self.adjust.setEnabled(has_images and not is_adjusting)
-        self.cancel.setEnabled(is_adjusting)
+        possible = (
+            dict.fromkeys((self.save, self.save_as, self.add, self.live, self.tie, self.library), has_images)
+            | dict.fromkeys((self.remove, self.previous, self.next, self.take, self.forget, self.transfer), has_point)
+            | dict.fromkeys((self.pick, self.go_to), has_images and has_map)
+            | {self.adjust: has_images and not is_adjusting, self.cancel: is_adjusting}
+        )
+        for action, is_possible in possible.items():
+            action.setEnabled(is_possible)
         for action, word, title in (
             (self.undo, tr("Undo"), history.undo_title),
             (self.redo, tr("Redo"), history.redo_title),

@@ -148,6 +148,7 @@ class ViewGrid(QWidget):
                 self._show_image(view)
 
     def _show_image(self, view: ImageView) -> None:
+        """Show a view's image around the present point, with the markers of all points."""
         is_known = self.point in self.session.points and view.image()
         shown = point_session.view_of(self.session, self.point, view.image()) if is_known else None
         view.show_view(shown, self._list_markers(view.image()), self.is_north_up)
@@ -217,6 +218,7 @@ class ViewGrid(QWidget):
                 other.canvas.zoomByFactor(factor)
 
     def _show_whole(self, view: ImageView) -> None:
+        """Show the whole domain of a view's image."""
         if view.image() in self.session.images:
             first_sample, last_sample, first_line, last_line = self.session.images[view.image()].domain_px
             middle = ((first_sample + last_sample) / 2.0, (first_line + last_line) / 2.0)

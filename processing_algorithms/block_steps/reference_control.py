@@ -129,6 +129,7 @@ def find_reference_control(
 
 
 def _image_entry(found: Any, shift: Any) -> Report:
+    """Return the report's entry of an image matched with the reference: matches, and how well they agree (px)."""
     used, agreement = found.used, found.agreement
     bias = [None, None] if agreement is None else agreement.coefficients[:, 0].tolist()
     return {

@@ -105,6 +105,7 @@ def describe(error: BaseException) -> tuple[str, int]:
 
 
 def _dispatch_command(words: list[str], registry: Mapping[str, Algorithm]) -> int:
+    """Print a page, or run an algorithm; return the exit code. Raises `InputError` for words that are neither."""
     if not words:
         raise InputError("no algorithm given; hrsi --help lists them")
     first, *rest = words
@@ -177,6 +178,10 @@ def _run_algorithm(algorithm: Algorithm, words: list[str], origin: OptionSource 
 
 
 def _run_words(algorithm: Algorithm, words: list[str], origin: OptionSource, log: RunLog | None) -> int:
+    """Run an algorithm with typed options and print its report; return the exit code.
+
+    Results go to standard output, progress and messages to standard error, each message once; both also to the log.
+    """
     spelt = partial(spell_arguments, params=algorithm.params)
     typed = {**origin.given, **algorithm_parser(algorithm).parse_words(words)}
     line = fill_options(LineOptions, typed)

@@ -74,6 +74,7 @@ class _MovedPaths:
         return next((place for place in self._candidates(path) if os.path.exists(place)), path)
 
     def _candidates(self, path: str) -> Iterator[str]:
+        """Yield the places where a file of the report may be now, the likeliest first."""
         if os.path.isabs(path):
             yield path
             # Absolute, below the moved folder

@@ -108,6 +108,7 @@ class LiveTerminal(TerminalProgress):
             self._draw()
 
     def _draw(self) -> None:
+        """Write the line anew, in place of the one before."""
         self._drawn_at = max(self._now(), 0.0)
         line = progress_line(self._message, self._furthest, self._now() - self._start, self._columns())
         if line != self._drawn or not self._line_open:
@@ -146,6 +147,7 @@ def terminal_of(stream: TextIO, quiet: bool) -> TerminalProgress:
 
 
 def _columns_of(stream: TextIO) -> int:
+    """Return the width of a terminal in characters."""
     try:
         return os.get_terminal_size(stream.fileno()).columns
     except (OSError, ValueError):  # not a terminal any more
@@ -225,6 +227,7 @@ def require_own_file(path: str, words: Iterable[str]) -> None:
 
 
 def _part(path: str, start: int) -> bytes:
+    """Return up to 4 kB of a file from a position on, or from its end if negative; empty if it cannot be read."""
     try:
         with open(path, "rb") as file:
             file.seek(start, os.SEEK_SET if start >= 0 else os.SEEK_END)

@@ -207,6 +207,7 @@ class Result:
         return {name: str(file) for file in files for name in geopackage_layers(str(file))}
 
     def _short(self, name: str) -> Any:
+        """Return the layer that a short name stands for (`SHORT_NAMES`); raises `InputError` if the result has none."""
         there = self._layers()
         declared = [layer.rpartition("layername=")[2] for layer in REGISTRY[self.algorithm].layers]
         others = [] if name == "images" else [layer for layer in declared if layer != "images"]
@@ -239,6 +240,7 @@ class Result:
     # ---- display -----------------------------------------------------------------------------------------------------
 
     def _headline(self) -> str:
+        """Return one line on the result: the verdict, the number of points, or the first line of the summary."""
         if verdict := self.report.get("verdict"):
             return f"{verdict['level']}: {self._spell_text(verdict['sentence'])}"
         if isinstance(listed := self.report.get("points"), list):

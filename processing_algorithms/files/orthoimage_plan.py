@@ -174,6 +174,7 @@ def label_crs(wkt: str) -> str:
 
 
 def _terrain_warnings(images: Sequence[Image], terrain: Terrain, below: Mapping[str, np.ndarray]) -> list[str]:
+    """Return what flat ground displaces, or which images lie partly beyond the DEM; ``below`` is ground by image."""
     if isinstance(terrain.surface, ConstantHeight):
         tangents = {
             im.id: math.tan(math.radians(ViewDirection(im, terrain.surface).geometry().incidence_deg)) for im in images

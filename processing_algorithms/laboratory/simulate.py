@@ -199,6 +199,7 @@ def _make_vibration(options: VendorErrorOptions, sensor: Sensor) -> Vibration:
 
 
 def _is_number(text: str) -> bool:
+    """Return whether a text is a number."""
     try:
         float(text)
     except ValueError:

@@ -138,6 +138,7 @@ def follow(session: PointSession) -> CurrentView:
 def _ground_residuals(
     block: Block, model: RefinementModel, values: np.ndarray, ground: np.ndarray
 ) -> Iterator[tuple[str, Any]]:
+    """Yield the id and the residual east, north, up (m) of each known point with a measurement."""
     left_m = ground_residuals_m(block, model, values, ground)
     shown = np.flatnonzero(block.known & (np.bincount(block.measurements.point, minlength=len(block.points)) > 0))
     yield from zip(block.points.ids[shown].tolist(), map(tuple, left_m[shown].tolist()), strict=True)

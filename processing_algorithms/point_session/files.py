@@ -263,6 +263,7 @@ def _with_others(full: Layer, plain: Layer) -> Layer:
 
 
 def _open_images(paths: Sequence[str]) -> list[Image]:
+    """Return the images of a block, exposures of one strip joined; raises `InputError` for an id that occurs twice."""
     images = join_exposures([open_image(path) for path in paths])
     close_images()
     twice = {image.id for image in images if [other.id for other in images].count(image.id) > 1}

@@ -145,6 +145,7 @@ class History:
         return self._step(self._undone, self._done, "forth")
 
     def _step(self, source: list[tuple[int, Edit]], target: list[tuple[int, Edit]], way: str) -> str:
+        """Move the last edit from one list to the other, apply it ``back`` or ``forth``, and return its title."""
         if not source:
             return ""
         state, edit = source.pop()

@@ -170,6 +170,7 @@ class PointSession:
         return self._project_by_camera(image_id, ground) + self._shifts.get(image_id, 0.0)
 
     def _project_by_camera(self, image_id: str, ground: np.ndarray) -> np.ndarray:
+        """Return sample, line ``(n, 2)`` of ground points by the shown adjustment, or by the image's RPC."""
         image = self.images[image_id]
         if self.shown is not None and image_id in self.shown.corrections:
             return self.shown.model.project(image, self.shown.corrections[image_id], ground)
@@ -358,6 +359,7 @@ class PointSession:
         self._show(followed, Snapshot(self))
 
     def _show(self, shown: CurrentView, seen: Snapshot) -> None:
+        """Show an adjustment or its continuation of the state ``seen``; predictions are made anew."""
         self.shown, self._shown_from = shown, seen
         self._predicted.clear()
         self._shifts = None
@@ -371,11 +373,13 @@ class PointSession:
         measured: Mapping[Key, ImageMeasurement | None] | None = None,
         points: Mapping[str, SurveyPoint] | None = None,
     ) -> None:
+        """Make an edit that can be undone: measurements to set (None: to remove), and all points if they change."""
         new = measured or {}
         back = Change({key: self.measured.get(key) for key in new}, None if points is None else self.points)
         self.history.do(Edit(title, back, Change(new, points)))
 
     def _apply(self, change: Change) -> None:
+        """Apply a change that an edit, undo or redo makes, note what differs from the adjustment, and report it."""
         for key, measured in change.measured.items():
             if measured is None:
                 self.measured.pop(key, None)
@@ -395,6 +399,7 @@ class PointSession:
         self.on_change(change)
 
     def _point(self, name: str) -> SurveyPoint:
+        """Return a ground point; raises `InputError` for an unknown name."""
         if name not in self.points:
             raise InputError(f"there is no ground point {name!r}: choose one of the list")
         return self.points[name]

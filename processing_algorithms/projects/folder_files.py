@@ -224,6 +224,7 @@ def _rpc_files(paths: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _has_laser_fields(path: str) -> bool:
+    """Return whether a table has heights and at least two further fields of laser points."""
     with suppress(HrsiError):
         columns = read_table(path).columns
         return "height" in columns and len(LASER_FIELDS & columns.keys()) > 1

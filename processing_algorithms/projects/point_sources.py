@@ -215,6 +215,7 @@ def _is_plausible(tables: PointTables, images: Mapping[str, Image], region: np.n
 
 
 def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSource:
+    """Return a file's points as read, with the height datum that its name states and notes on how it was read."""
     told = " ".join(tables.warnings)
     datum = state_datum(os.path.basename(path)) if HEIGHT_UNKNOWN in told else ""
     notes = [note.partition(": ")[2] for note in tables.warnings if ": read as the columns" in note]

@@ -136,6 +136,7 @@ def _place_value(folder: str, param: Param, value: Any) -> Any:
 
 
 def _place_file(folder: str, name: str) -> str:
+    """Return a file of the project's folder as seen from the working directory; URLs and ``@lists`` as they are."""
     prefix, path = split_virtual(name)
     is_elsewhere = name.startswith("@") or (not prefix and name.startswith("/vsi"))
     return name if is_elsewhere else prefix + os.path.join(folder, path)
@@ -173,6 +174,7 @@ def check_plan(project: Project, context: Context, steps: tuple[str, ...] | None
 
 
 def _check_step(step: str, project: Project, images: tuple[str, ...], folder: str, context: Context) -> Report:
+    """Return the entry of one step by a dry run of its algorithm, or why that fails."""
     name = algorithm_of(step, images)
     options = {**project.options_of(step, name), "images": images, "output_dir": folder}
     without_terrain = step == "orthorectify" and not GROUND_OPTIONS & options.keys()

@@ -86,6 +86,7 @@ def _assign(options: Mapping[str, Any], here: str) -> Iterator[str]:
 
 
 def _relative(spec: str, here: str) -> str:
+    """Return a file, which may be in an archive or have a layer after ``|``, relative to a folder."""
     path, bar, rest = spec.partition("|")
     prefix, path = split_virtual(path)
     return f"{prefix}{path if prefix and not os.path.isabs(path) else os.path.relpath(path, here)}{bar}{rest}"

@@ -163,6 +163,7 @@ class CentreDetector:
 
 
 def _tabulate_centres(centres: list[GravityCentre]) -> InterestPoints:
+    """Return gravity centres as interest points; their quality is the chance to be found again."""
     if not centres:
         return make_empty_points()
     return InterestPoints(
@@ -179,6 +180,7 @@ def _tabulate_centres(centres: list[GravityCentre]) -> InterestPoints:
 
 
 def _tabulate_blobs(blobs: Blobs, window: DetectionWindow) -> InterestPoints:
+    """Return blobs as interest points of the image, in the window's pixels so far."""
     if not len(blobs.xy):
         return make_empty_points()
     size, azimuth, uneven = blobs.ellipse()

@@ -321,6 +321,7 @@ class OrthoRenderer:
         return pixels, np.ones((lines, samples), dtype=bool)
 
     def _tile(self, row: int, column: int) -> np.ndarray:
+        """Return one tile's digital numbers, uint16, without noise."""
         lines, samples = compute_tile_shape(self.size, row, column)
         east = self.west_m + self.gsd_m * (column * TILES.tile_px + np.arange(samples))
         north = self.north_m - self.gsd_m * (row * TILES.tile_px + np.arange(lines))

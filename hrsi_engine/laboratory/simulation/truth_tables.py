@@ -136,6 +136,7 @@ def make_truth_tables(simulated: BlockSimulation) -> dict[str, TruthTable]:
 
 
 def _tabulate_image_points(simulated: BlockSimulation) -> TruthTable:
+    """Return the exact image points next to the measured ones, at the true ground positions."""
     truth, points = simulated.truth, simulated.truth.image_points
     measured = simulated.block.measurements.xy
     columns = {
