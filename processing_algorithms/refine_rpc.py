@@ -43,8 +43,7 @@ def run(options: RefineAlgorithmOptions, context: Context) -> Report:
     with explain_failures(block_run.reasons):
         for index, image in enumerate(block.images):
             advance(context.stage(0.1, 0.3).progress, index / len(block.images), f"refining {image.id}")
-            control = select_control(block, index, Role.GCP)
-            refinements.append(refine_image(image, control, options.refinement, models))
+            refinements.append(refine_image(image, select_control(block, index, Role.GCP), options.refinement, models))
     block_run.take_result(separate_result(block, refinements), "refine")
     # Entries of the report in addition to those of a block: model of each image, its choice, excluded GCPs
     block_run.entries |= {

@@ -50,8 +50,7 @@ def run(options: StripOptions, context: Context) -> Report:
         )
     folder = options.folder.output_dir
     if context.dry_run:
-        names = [REPORT_FILE, file, *filter(None, [grid_file])]
-        return plan(context, folder, names, {"parts": len(parts)}, warnings)
+        return plan(context, folder, [REPORT_FILE, file, *filter(None, [grid_file])], {"parts": len(parts)}, warnings)
     rows = zip(parts, places.first.tolist(), places.off_px, strip.max_px, strip.rms_px, strict=True)
     entry: Report = {
         "path": None, "output": os.path.join(folder, file), "samples": places.size[0], "lines": places.size[1],

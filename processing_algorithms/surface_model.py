@@ -242,8 +242,7 @@ def list_date_warnings(adjusted: AdjustedBlock, pairs: Sequence[StereoPair]) -> 
 
 def plan_grid(adjusted: AdjustedBlock, pairs: Sequence[StereoPair], options: SurfaceModelOptions) -> DenseBlock:
     """Return the images of the pairs, and the map grid of the surface."""
-    area = adjusted.common_area(list(pairs)).convex_hull
-    outline = np.pad(np.array(area.exterior.coords)[:, :2], ((0, 0), (0, 1)))
+    outline = np.pad(np.array(adjusted.common_area(list(pairs)).convex_hull.exterior.coords)[:, :2], ((0, 0), (0, 1)))
     crs = choose_map_crs(outline, options.crs)
     map_crs = pyproj.CRS.from_wkt(crs)
     if not map_crs.is_projected:

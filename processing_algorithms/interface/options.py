@@ -113,8 +113,7 @@ def _parse_path(value: Any) -> str:
 
 def _parse_paths(value: Any) -> tuple[str, ...]:
     """Return the paths of one path, or of a sequence of them."""
-    single = isinstance(value, (str, os.PathLike))
-    return tuple(_parse_path(item) for item in ([value] if single else value))
+    return tuple(_parse_path(item) for item in ([value] if isinstance(value, (str, os.PathLike)) else value))
 
 
 def _parse_items(value: Any, separator: str = ",") -> tuple[str, ...]:

@@ -136,5 +136,4 @@ def measure_rays(images: Sequence[Image], height_m: float) -> RayHeights | None:
     rows = [row for row, one in enumerate(moved) if not one.refusal]
     if len(rows) < SAMPLES.plane:
         return None
-    places = np.array([moved[row].xy for row in rows])
-    return _intersect(first, second, xy[rows], places, height_m, [""] * len(rows))
+    return _intersect(first, second, xy[rows], np.array([moved[row].xy for row in rows]), height_m, [""] * len(rows))

@@ -367,7 +367,7 @@ def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
                 found.roles[one.path] = ("ground points, not used", f"some of its ids are {others}")
                 continue
             (check_ids if is_check else gcp_ids).update(own)
-            whose = "check points" if not is_check else "GCPs"
+            whose = "GCPs" if is_check else "check points"
             found.roles[one.path] = (what, f"{reason}, {others}, whose other points are {whose}")
             continue
         elif is_check:
