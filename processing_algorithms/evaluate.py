@@ -30,12 +30,13 @@ from ..hrsi_engine.measurement.tie_points import find_overlapping_pairs
 from ..hrsi_engine.results.layers import RESIDUAL_LAYERS
 from ..hrsi_engine.results.residuals import compute_given_residuals, radial_rmse, rmse
 from ..hrsi_engine.results.surface_figures import describe_surface
-from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
+from ..hrsi_engine.surface.dem import HeightSurface
 from ..hrsi_engine.surface.grid_surface import GridSurface
 from .block_steps.adjusted_block import rpcs_of_folder
 from .block_steps.evaluation_points import EvaluationPoints, read_evaluation_points
 from .block_steps.inputs import read_block, refuse_idle_matches
 from .block_steps.outputs import Clock
+from .block_steps.plausibility import describe_differences, heights_above
 from .block_steps.summary import format_digits
 from .declarations.rpcs import AUTOMATIC_TRACKS, EVALUATION_FILE, NO_TRACKS, OWN, EvaluateOptions
 from .files.opening import dem_surface, open_control_surface, open_images
@@ -228,7 +229,9 @@ def _set_entry(
         "pairs": _describe_pairs(one, kept),
         "control": _survey_entry(one, Role.GCP),
         "check": _survey_entry(one, Role.CHECK),
-        "dem": None if surface is None else _describe_heights(one.fit.ground[kept], surface),
+        "dem": None
+        if surface is None
+        else describe_differences(heights_above(one.fit.ground[kept], surface), ("points", *DEM_KEYS)),
     }
     # Displacement of the tracks from a surface in plan and height, if one is given. displacement_m moves them
     # onto the surface: the error of the RPCs has the opposite sign
@@ -282,21 +285,6 @@ def _describe_pairs(one: RpcSet, kept: np.ndarray) -> list[Report]:
                 }
             )
     return entries
-
-
-def _describe_heights(ground: np.ndarray, surface: HeightSurface) -> Report:
-    """Return the heights (N, 3) of tracks above a DEM; objects on the ground determine the 90th percentile."""
-    above = ground[:, 2] - surface_heights(surface, ground[:, :2])
-    above = above[np.isfinite(above)]
-    if not len(above):
-        return {"points": 0, "median_m": None, "nmad_m": None, "p90_m": None}
-    middle = float(np.median(above))
-    return {
-        "points": len(above),
-        "median_m": middle,
-        "nmad_m": float(robust_sigma(above - middle)),
-        "p90_m": float(np.percentile(np.abs(above), 90.0)),
-    }
 
 
 def _survey_entry(one: RpcSet, role: Role) -> Report:

@@ -5,10 +5,9 @@ import numpy as np
 from ..hrsi_engine.block.orthoimage import REFERENCE_KIND
 from ..hrsi_engine.foundation.errors import SolveError
 from ..hrsi_engine.ground.geodesy import WGS84_3D
-from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
+from ..hrsi_engine.ground.operation_uses import list_operation_warnings
 from ..hrsi_engine.io.geopackage.declared_layers import ReferenceGcpRows, RejectedMatchRows
 from ..hrsi_engine.io.geopackage.layers import Layer
-from ..hrsi_engine.surface.grid_surface import GridSurface
 from .block_steps import reference_control
 from .block_steps.reference_control import PREFIX, FromReference
 from .declarations.image_points import GCPS_FILE, GCPS_LAYER, GcpsFromReferenceOptions
@@ -23,12 +22,12 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
     """Match the images with the reference and write the GCPs."""
     check_folder(options.folder, context)
     images = open_images(options.images, context)
+    dem = dem_surface(options.dem, options.height_datum, strict_datum=options.strict_datum)
     if context.dry_run:
         reference_control.open_reference(options.reference.reference, options.reference.reference_band)
-        _open_dem(options)
         return plan_folder(options.folder, GCPS_FILE, {"images": len(images)}, [], context)
     found = reference_control.find_reference_control(
-        images, options.reference, _open_dem(options), options.sigma_dem, context.stage(0.0, 0.9)
+        images, options.reference, dem, options.sigma_dem, context.stage(0.0, 0.9)
     )
     ground, measured = reference_control.reference_points(found)
     if not len(ground):
@@ -45,14 +44,6 @@ def run(options: GcpsFromReferenceOptions, context: Context) -> Report:
     layers = [_make_layer(found, sigma_m, used=True), _make_layer(found, sigma_m, used=False)]
     write_folder(options.folder, report, GCPS_FILE, layers, context)
     return report
-
-
-def _open_dem(options: GcpsFromReferenceOptions) -> GridSurface | None:
-    """Return the DEM; raise `InputError` if a datum grid is missing and must not be replaced."""
-    surface = dem_surface(options.dem, options.height_datum)
-    if surface is not None:
-        require_strict_datums(surface.operations, options.strict_datum)
-    return surface
 
 
 def _make_layer(found: FromReference, sigma_m: tuple[float, float], used: bool) -> Layer:

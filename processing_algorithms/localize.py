@@ -4,22 +4,19 @@ import numpy as np
 
 from ..hrsi_engine.block.block import Image
 from ..hrsi_engine.foundation.errors import InputError, list_ids
-from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.io.geopackage.declared_layers import LocalizedPointRows
-from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files.find import ImagePositions, read_image_positions
 from ..hrsi_engine.surface.dem import HeightSurface, Status, intersect_surface
 from .declarations.rpcs import POINTS_FILE, LocalizeOptions
 from .files.opening import (
-    format_lines,
     is_on_image,
-    make_point_rows,
+    list_points,
     open_images,
     open_terrain,
     parse_lines,
     standard_input,
 )
-from .files.result_folder import check_folder, plan_folder, tell, write_folder
+from .files.result_folder import check_folder, plan_folder, tell, write_points
 from .interface.declare import Context, Report
 
 LOCALIZED_LINE = "sample line height"
@@ -42,27 +39,23 @@ def run(options: LocalizeOptions, context: Context) -> Report:
     if context.dry_run:
         counts = {"images": len(images), "image points": len(points.ids)}
         return plan_folder(options.folder, POINTS_FILE, counts, [], context)
-    columns, warnings = _localize_points(images, points, surface)
+    rows, warnings = _localize_points(images, points, surface)
     tell(warnings, context)
     report: Report = {
         **context.record,
         "images": ids,
         "from_file": bool(options.points),
-        "count": len(columns["id"]),
+        "count": len(rows.id),
         "warnings": warnings,
     }
-    if not options.folder.output_dir:
-        report["points"] = make_point_rows(columns, POINT_KEYS)
-    place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
-    layer = Layer("ground_points", "PointZ", WGS84_3D, place, LocalizedPointRows(**columns))
-    write_folder(options.folder, report, POINTS_FILE, [layer], context)
+    write_points(options.folder, report, POINTS_FILE, rows, POINT_KEYS, context)
     return report
 
 
 def _localize_points(
     images: list[Image], points: ImagePositions, surface: HeightSurface | None
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return columns with one row for each point, and warnings on points without ground position."""
+) -> tuple[LocalizedPointRows, list[str]]:
+    """Return one row for each point, and warnings on points without ground position."""
     if unknown := sorted(set(points.image_ids.tolist()) - {image.id for image in images}):
         raise InputError(f"the points name the image {unknown[0]!r}, which is not given: add it, or remove its points")
     ground, status = np.full((len(points.ids), 3), np.nan), np.full(len(points.ids), int(Status.NO_RAY))
@@ -84,23 +77,19 @@ def _localize_points(
     lost = {kind: np.count_nonzero(status == kind) for kind in Status if kind != Status.FOUND}
     warnings = [f"{count} points have no ground position: {kind.label}" for kind, count in lost.items() if count]
     warnings += [f"all points of {list_ids(beside)} are outside the image: check sample and line"] if beside else []
-    columns = {
-        "id": points.ids,
-        "image": points.image_ids,
-        "sample": points.image[:, 0],
-        "line": points.image[:, 1],
-        "lon": ground[:, 0],
-        "lat": ground[:, 1],
-        "height": ground[:, 2],
-        "status": np.array([Status(code).label for code in status], dtype=str),
-    }
-    return columns, warnings
+    located = LocalizedPointRows(
+        id=points.ids,
+        image=points.image_ids,
+        sample=points.image[:, 0],
+        line=points.image[:, 1],
+        lon=ground[:, 0],
+        lat=ground[:, 1],
+        height=ground[:, 2],
+        status=np.array([Status(code).label for code in status], dtype=str),
+    )
+    return located, warnings
 
 
 def summarise(report: Report) -> str:
     """Return the ground points as lines; with their ids and images if they are from a file."""
-    if "points" not in report:
-        return f"{report['count']} ground points"
-    if report["from_file"]:
-        return format_lines([POINT_KEYS, *map(dict.values, report["points"])], ",")
-    return format_lines((row["lon"], row["lat"], row["height"], row["id"]) for row in report["points"])
+    return list_points(report, "ground points", POINT_KEYS, ("lon", "lat", "height", "id"))

@@ -6,27 +6,25 @@ import numpy as np
 
 from ..hrsi_engine.block.block import GroundPoints
 from ..hrsi_engine.foundation.errors import InputError, list_ids
-from ..hrsi_engine.ground.geodesy import WGS84_3D
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
 from ..hrsi_engine.io.geopackage.declared_layers import ProjectedPointRows
-from ..hrsi_engine.io.geopackage.layers import Layer
 from ..hrsi_engine.io.point_files import read_points
 from ..hrsi_engine.refinement.refine import require_axes_in_order
 from ..hrsi_engine.surface.dem import surface_heights
 from .declarations.rpcs import POINTS_FILE, ProjectOptions
 from .files.opening import (
-    format_lines,
     is_on_image,
-    make_point_rows,
+    list_points,
     open_images,
     open_terrain,
     parse_lines,
     standard_input,
 )
-from .files.result_folder import check_folder, plan_folder, tell, write_folder
+from .files.result_folder import check_folder, plan_folder, tell, write_points
 from .interface.declare import Context, Report
 
 PROJECTED_LINE = "lon lat height"
+POINT_KEYS = ("id", "image", "sample", "line")  #: of the points in a report
 
 
 def run(options: ProjectOptions, context: Context) -> Report:
@@ -61,33 +59,30 @@ def run(options: ProjectOptions, context: Context) -> Report:
     parts = [image.rpc.project(ground) for image in images]
     xy, inside = np.concatenate(parts), np.concatenate(list(map(is_on_image, images, parts)))
     repeated = np.tile(ground, (len(images), 1))
-    columns = {
-        "id": np.tile(ids, len(images)), "image": np.repeat([image.id for image in images], len(ids)),
-        "sample": xy[:, 0], "line": xy[:, 1], "inside": inside,
-        "lon": repeated[:, 0], "lat": repeated[:, 1], "height": repeated[:, 2],
-    }  # fmt: skip
+    rows = ProjectedPointRows(
+        id=np.tile(ids, len(images)),
+        image=np.repeat([image.id for image in images], len(ids)),
+        sample=xy[:, 0],
+        line=xy[:, 1],
+        inside=inside,
+        lon=repeated[:, 0],
+        lat=repeated[:, 1],
+        height=repeated[:, 2],
+    )
     if options.points:
-        seen = set(columns["image"][inside].tolist())
+        seen = set(rows.image[inside].tolist())
         bare = [image.id for image in images if image.id not in seen]
         warnings += [f"no point lies on {list_ids(bare)}: check the CRS and the columns of the points"] if bare else []
     tell(warnings, context)
     report: Report = {
         **context.record, "images": [image.id for image in images],
-        "from_file": bool(options.points), "count": len(columns["id"]), "warnings": warnings,
+        "from_file": bool(options.points), "count": len(rows.id), "warnings": warnings,
         "crs_operations": [use.entry() for use in points.operations],
     }  # fmt: skip
-    if not options.folder.output_dir:
-        report["points"] = make_point_rows(columns, ("id", "image", "sample", "line"))
-    place = np.column_stack([columns[name] for name in ("lon", "lat", "height")])
-    layer = Layer("image_points", "PointZ", WGS84_3D, place, ProjectedPointRows(**columns))
-    write_folder(options.folder, report, POINTS_FILE, [layer], context)
+    write_points(options.folder, report, POINTS_FILE, rows, POINT_KEYS, context)
     return report
 
 
 def summarise(report: Report) -> str:
     """Return the image points as lines; with their ids and images if they are from a file."""
-    if "points" not in report:
-        return f"{report['count']} image points"
-    if report["from_file"]:
-        return format_lines([("id", "image", "sample", "line"), *map(dict.values, report["points"])], ",")
-    return format_lines((row["sample"], row["line"], row["id"]) for row in report["points"])
+    return list_points(report, "image points", POINT_KEYS, ("sample", "line", "id"))

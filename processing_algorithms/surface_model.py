@@ -20,7 +20,6 @@ from ..hrsi_engine.dense.gridding import FusedHeights, estimate_pair_biases, fus
 from ..hrsi_engine.dense.tiles import DenseBlock, PairHeights, limit_search, match_coarse_surface, match_surface_tile
 from ..hrsi_engine.foundation.errors import InputError, SolveError
 from ..hrsi_engine.foundation.progress import advance, stage
-from ..hrsi_engine.foundation.robust_scale import robust_sigma
 from ..hrsi_engine.foundation.version import VERSION
 from ..hrsi_engine.foundation.workers.scheduling import digest, open_calls
 from ..hrsi_engine.foundation.workers.threads import one_thread_calls, one_thread_filters
@@ -43,6 +42,7 @@ from ..hrsi_engine.io.safety.content_marks import content_mark
 from ..hrsi_engine.ortho.grid import GridWindow, MapGrid, choose_map_crs, round_resolution
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .block_steps.adjusted_block import AdjustedBlock, read_adjusted_block
+from .block_steps.plausibility import describe_differences
 from .declarations.orthoimages import DIFFERENCE_FILE, SURFACE_FILE, SurfaceModelOptions
 from .files.orthoimage_plan import label_crs, parse_box
 from .files.result_folder import LENGTH, PAGE_FILE, REPORT_FILE, check_folder, plan, stage_results
@@ -328,15 +328,7 @@ class ReferenceComparison:
     def summary(self) -> Report:
         """Return bias, NMAD and LE90 (m) as in the report; None without common cells."""
         values = np.concatenate([np.empty(0), *self._samples])
-        if not len(values):
-            return {"compared": 0, "bias_m": None, "nmad_m": None, "le90_m": None}
-        bias = float(np.median(values))
-        return {
-            "compared": len(values),
-            "bias_m": bias,
-            "nmad_m": float(robust_sigma(values - bias)),
-            "le90_m": float(np.percentile(np.abs(values), 90.0)),
-        }
+        return describe_differences(values, ("compared", "bias_m", "nmad_m", "le90_m"))
 
 
 def summarise(report: Report) -> str:

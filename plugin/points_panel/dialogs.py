@@ -63,24 +63,22 @@ class NewBlockDialog(QDialog):
         self.datum = QComboBox()
         self.datum.setEditable(True)
         self.datum.addItems(HEIGHT_DATUMS)
-        box = QDialogButtonBox(QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel)
-        box.accepted.connect(self.accept)
-        box.rejected.connect(self.reject)
-        form = QFormLayout(self)
         images = QHBoxLayout()
         images.addWidget(self.images, 1)
         images.addWidget(self.layers)
-        form.addRow(tr("Images or RPC files"), images)
-        form.addRow(tr("Ground points"), self.gcps.widget)
         fields = QGroupBox(tr("Fields of the GCPs"))
         rows = QFormLayout(fields)
         for field, label in label_gcp_fields().items():
             rows.addRow(label, self.fields[field])
-        form.addRow(fields)
-        form.addRow(tr("Image points (optional)"), self.image_points.widget)
-        form.addRow(tr("CRS if the file has none"), self.crs)
-        form.addRow(tr("Heights refer to"), self.datum)
-        form.addWidget(box)
+        _arrange_rows(
+            self,
+            (tr("Images or RPC files"), images),
+            (tr("Ground points"), self.gcps.widget),
+            (fields,),
+            (tr("Image points (optional)"), self.image_points.widget),
+            (tr("CRS if the file has none"), self.crs),
+            (tr("Heights refer to"), self.datum),
+        )
         self.resize(720, self.sizeHint().height())  # file names are long
 
     def _add_layers(self, ids: list[str]) -> None:
@@ -142,11 +140,8 @@ class NewPointDialog(QDialog):
         self.height.setValue(height_m)
         for sigma in (self.sigma_xy, self.sigma_h):
             sigma.setSpecialValueText(tr("default"))
-        box = QDialogButtonBox(QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel)
-        box.accepted.connect(self.accept)
-        box.rejected.connect(self.reject)
-        form = QFormLayout(self)
-        for label, widget in (
+        _arrange_rows(
+            self,
             (tr("Name"), self.name),
             (tr("Role"), self.role),
             (tr("Height from"), self.dem),
@@ -154,9 +149,7 @@ class NewPointDialog(QDialog):
             (tr("Ellipsoidal height (m)"), self.height),
             (tr("Sigma east, north (m)"), self.sigma_xy),
             (tr("Sigma height (m)"), self.sigma_h),
-        ):
-            form.addRow(label, widget)
-        form.addWidget(box)
+        )
         for chooser in (self.dem, self.datum):
             chooser.currentIndexChanged.connect(lambda _index: self._look_up())
 
@@ -182,7 +175,19 @@ class NewPointDialog(QDialog):
         return SurveyPoint(name, *self._lonlat, self.height.value(), role, **sigmas)
 
 
+def _arrange_rows(dialog: QDialog, *rows: tuple[Any, ...]) -> None:
+    """Put labels and their widgets into a dialog, with OK and Cancel below; a row without label has one widget."""
+    form = QFormLayout(dialog)
+    for row in rows:
+        form.addRow(*row)
+    buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Ok | QDialogButtonBox.StandardButton.Cancel)
+    buttons.accepted.connect(dialog.accept)
+    buttons.rejected.connect(dialog.reject)
+    form.addWidget(buttons)
+
+
 def _metres() -> QDoubleSpinBox:
+    """Return a field of metres with three decimals."""
     field = QDoubleSpinBox()
     field.setDecimals(3)
     field.setMaximum(_HIGHEST_M)

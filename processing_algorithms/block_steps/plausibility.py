@@ -18,6 +18,7 @@ from ...hrsi_engine.plausibility.accuracy import estimate_accuracies
 from ...hrsi_engine.plausibility.places import list_placement_reasons
 from ...hrsi_engine.plausibility.relief import find_relief_reasons
 from ...hrsi_engine.surface.dem import HeightSurface, surface_heights
+from ..interface.declare import Report
 
 
 def input_reasons(
@@ -50,6 +51,24 @@ class DEM_OFFSET:
     least_m: float = threshold(1.0, "m", "smallest reported difference: grass, interpolation, errors of a DEM")
 
 
+def heights_above(ground: np.ndarray, surface: HeightSurface) -> np.ndarray:
+    """Return the heights ``(k,)`` m of ground points ``(n, 3)`` above a surface, where it has a height."""
+    above = ground[:, 2] - surface_heights(surface, ground[:, :2])
+    return above[np.isfinite(above)]
+
+
+def describe_differences(values: np.ndarray, keys: Sequence[str]) -> Report:
+    """Return number, median, NMAD (m) and 90th percentile of the absolute values (m) of differences, by four keys.
+
+    Without any differences the number is 0 and the others are None.
+    """
+    if not len(values):
+        return dict.fromkeys(keys) | {keys[0]: 0}
+    middle = float(np.median(values))
+    spread, largest = float(robust_sigma(values - middle)), float(np.percentile(np.abs(values), 90.0))
+    return dict(zip(keys, (len(values), middle, spread, largest), strict=True))
+
+
 def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_m: float | None) -> list[str]:
     """Return a warning if the tie points of a block without GCPs clearly deviate from a DEM that is no constraint.
 
@@ -59,9 +78,7 @@ def offset_warning(result: Adjustment, surface: HeightSurface | None, sigma_dem_
     role = result.block.points.role
     if surface is None or sigma_dem_m is not None or np.any(role == Role.GCP):
         return []
-    ground = result.ground[(role == Role.TIE) & finite_rows(result.ground)]
-    above = ground[:, 2] - surface_heights(surface, ground[:, :2])
-    above = above[np.isfinite(above)]
+    above = heights_above(result.ground[(role == Role.TIE) & finite_rows(result.ground)], surface)
     if len(above) < SAMPLES.tested:
         return []
     middle = float(np.median(above))

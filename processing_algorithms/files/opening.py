@@ -6,9 +6,9 @@ Coordinates as lines of text, in the format of `gdaltransform`.
 import math
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import takewhile
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from ...hrsi_engine.io.surfaces import open_dtm, open_surface
 from ...hrsi_engine.measurement.interest_points.windows import Area
 from ...hrsi_engine.surface.dem import HeightSurface, cell_size_m, dem_sigma_m, intersect_surface
 from ...hrsi_engine.surface.grid_surface import ConstantHeight, GridSurface
-from ..interface.declare import Context
+from ..interface.declare import Context, Report
 from ..interface.option_groups import DemOptions, PointFiles, SurfaceFile, TerrainOptions
 from .result_folder import tell
 
@@ -120,9 +120,16 @@ def ground_warnings(images: Sequence[ImagePixels], grounds: Sequence[np.ndarray]
     return [f"{name}: {count} points have no position on the terrain" for name, count in lost.items() if count]
 
 
-def dem_surface(dem: DemOptions, height_datum: str, epoch: float | None = None) -> GridSurface | None:
-    """Return the opened DEM of the options, None if none is named; its own datum precedes ``height_datum``."""
-    return open_dtm(dem.dem, dem.dem_datum or height_datum, epoch) if dem.dem else None
+def dem_surface(
+    dem: DemOptions, height_datum: str, epoch: float | None = None, strict_datum: bool = False
+) -> GridSurface | None:
+    """Return the opened DEM of the options, None if none is named; its own datum precedes ``height_datum``.
+
+    With ``strict_datum`` raises `InputError` if a geoid or the grid of a coordinate operation is missing.
+    """
+    surface = open_dtm(dem.dem, dem.dem_datum or height_datum, epoch) if dem.dem else None
+    require_strict_datums(() if surface is None else surface.operations, strict_datum)
+    return surface
 
 
 def open_control_surface(
@@ -145,10 +152,7 @@ def open_terrain(options: TerrainOptions) -> HeightSurface | None:
         raise InputError("`dem` and `height` both define the height of the ground: give one of them")
     if options.height is not None:
         return ConstantHeight(options.height)
-    surface = dem_surface(options.dem, options.height_datum)
-    if surface is not None:
-        require_strict_datums(surface.operations, options.strict_datum)
-    return surface
+    return dem_surface(options.dem, options.height_datum, strict_datum=options.strict_datum)
 
 
 def standard_input(example: str) -> Iterable[str]:
@@ -179,12 +183,16 @@ def parse_lines(lines: Iterable[str], names: Sequence[str]) -> tuple[np.ndarray,
     return np.array(numbers, dtype=np.float64).reshape(-1, len(names)), rest
 
 
-def make_point_rows(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return some columns as rows for a report; the coordinates of points with a non-finite one are NaN."""
-    numbers = [name for name in names if columns[name].dtype.kind == "f"]
-    lost = ~np.all([np.isfinite(columns[name]) for name in numbers], axis=0)
-    values = [np.where(lost, np.nan, columns[name]) if name in numbers else columns[name] for name in names]
-    return [dict(zip(names, row, strict=True)) for row in zip(*(one.tolist() for one in values), strict=True)]
+def list_points(report: Report, kind: str, names: Sequence[str], line: Sequence[str]) -> str:
+    """Return the points of a report as lines: ``names`` under a header if they are from a file, otherwise ``line``.
+
+    Points that are in a folder are only counted, as ``kind``.
+    """
+    if "points" not in report:
+        return f"{report['count']} {kind}"
+    if report["from_file"]:
+        return format_lines([names, *map(dict.values, report["points"])], ",")
+    return format_lines((row[name] for name in line) for row in report["points"])
 
 
 def format_lines(rows: Iterable[Iterable[float | str | None]], separator: str = " ") -> str:

@@ -20,6 +20,7 @@ from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import WGS84, WGS84_3D
 from ...hrsi_engine.io.geopackage.layer_tables import layer_names, text_columns
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from ...hrsi_engine.io.geopackage.typed_rows import LayerRows
 from ...hrsi_engine.io.output_dir import check_output_dir, exists_anywhere, stage_folder
 from ...hrsi_engine.io.pages.report import write_page, write_report_json
 from ...hrsi_engine.io.rasters.images import close_images, open_image
@@ -118,6 +119,23 @@ def write_folder(
                 write_page(str(folder / PAGE_FILE), page, report, **pictures)
             write_report_json(str(folder / REPORT_FILE), report)
     advance(context.progress, 1.0, "done")
+
+
+def write_points(
+    options: OptionalFolder, report: Report, file: str, rows: LayerRows, names: Sequence[str], context: Context
+) -> None:
+    """Write points with lon, lat and height as `write_folder`; without a folder the report lists them.
+
+    names : the columns that are listed; the coordinates of points with a non-finite one are NaN
+    """
+    if not options.output_dir:
+        numbers = [name for name in names if rows[name].dtype.kind == "f"]
+        lost = ~np.all([np.isfinite(rows[name]) for name in numbers], axis=0)
+        values = [np.where(lost, np.nan, rows[name]) if name in numbers else rows[name] for name in names]
+        listed = zip(*(one.tolist() for one in values), strict=True)
+        report["points"] = [dict(zip(names, row, strict=True)) for row in listed]
+    place = np.column_stack([rows["lon"], rows["lat"], rows["height"]])
+    write_folder(options, report, file, [Layer(rows.layer, "PointZ", WGS84_3D, place, rows)], context)
 
 
 def tell(warnings: Sequence[str], context: Context) -> None:
