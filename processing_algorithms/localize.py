@@ -20,7 +20,7 @@ from .files.result_folder import check_folder, plan_folder, tell, write_points
 from .interface.declare import Context, Report
 
 LOCALIZED_LINE = "sample line height"
-POINT_KEYS = ("id", "image", "lon", "lat", "height", "status")  #: of the points in a report
+LOCALIZED_KEYS = ("id", "image", "lon", "lat", "height", "status")  #: of the points in a report
 
 
 def run(options: LocalizeOptions, context: Context) -> Report:
@@ -48,7 +48,7 @@ def run(options: LocalizeOptions, context: Context) -> Report:
         "count": len(rows.id),
         "warnings": warnings,
     }
-    write_points(options.folder, report, POINTS_FILE, rows, POINT_KEYS, context)
+    write_points(options.folder, report, POINTS_FILE, rows, LOCALIZED_KEYS, context)
     return report
 
 
@@ -92,4 +92,4 @@ def _localize_points(
 
 def summarise(report: Report) -> str:
     """Return the ground points as lines; with their ids and images if they are from a file."""
-    return list_points(report, "ground points", POINT_KEYS, ("lon", "lat", "height", "id"))
+    return list_points(report, "ground points", LOCALIZED_KEYS, ("lon", "lat", "height", "id"))

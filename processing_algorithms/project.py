@@ -24,7 +24,7 @@ from .files.result_folder import check_folder, plan_folder, tell, write_points
 from .interface.declare import Context, Report
 
 PROJECTED_LINE = "lon lat height"
-POINT_KEYS = ("id", "image", "sample", "line")  #: of the points in a report
+PROJECTED_KEYS = ("id", "image", "sample", "line")  #: of the points in a report
 
 
 def run(options: ProjectOptions, context: Context) -> Report:
@@ -79,10 +79,10 @@ def run(options: ProjectOptions, context: Context) -> Report:
         "from_file": bool(options.points), "count": len(rows.id), "warnings": warnings,
         "crs_operations": [use.entry() for use in points.operations],
     }  # fmt: skip
-    write_points(options.folder, report, POINTS_FILE, rows, POINT_KEYS, context)
+    write_points(options.folder, report, POINTS_FILE, rows, PROJECTED_KEYS, context)
     return report
 
 
 def summarise(report: Report) -> str:
     """Return the image points as lines; with their ids and images if they are from a file."""
-    return list_points(report, "image points", POINT_KEYS, ("sample", "line", "id"))
+    return list_points(report, "image points", PROJECTED_KEYS, ("sample", "line", "id"))

@@ -110,7 +110,7 @@ class BlockFiles:
         return bool(path)
 
     def show_save(self) -> None:
-        """Tell that the block is saved, and show its rows on the map; new chips are added to the library."""
+        """Show the message that the block is saved, and its rows on the map; add new chips to the library."""
         self.tell(tr("saved: {}").format(self.dock.session.path))
         self.dock.refresh()
         self.store()

@@ -108,7 +108,7 @@ class LiveTerminal(TerminalProgress):
             self._draw()
 
     def _draw(self) -> None:
-        """Write the line anew, in place of the one before."""
+        """Write the line again, in place of the previous one."""
         self._drawn_at = max(self._now(), 0.0)
         line = progress_line(self._message, self._furthest, self._now() - self._start, self._columns())
         if line != self._drawn or not self._line_open:

@@ -207,7 +207,7 @@ class Result:
         return {name: str(file) for file in files for name in geopackage_layers(str(file))}
 
     def _short(self, name: str) -> Any:
-        """Return the layer that a short name stands for (`SHORT_NAMES`); raises `InputError` if the result has none."""
+        """Return the table of a short name (`SHORT_NAMES`); raises `InputError` if the result has none."""
         there = self._layers()
         declared = [layer.rpartition("layername=")[2] for layer in REGISTRY[self.algorithm].layers]
         others = [] if name == "images" else [layer for layer in declared if layer != "images"]

@@ -63,7 +63,7 @@ class EditJournal:
         self._lock.close()
 
     def _keep(self, change: Change) -> None:
-        """Write a change; the first one with all that the session contains, so that the journal stands alone."""
+        """Write a change; the first one with all that the session contains, so that the journal is complete."""
         try:
             if not self._session.changed:
                 self.discard()

@@ -359,7 +359,7 @@ class PointSession:
         self._show(followed, Snapshot(self))
 
     def _show(self, shown: CurrentView, seen: Snapshot) -> None:
-        """Show an adjustment or its continuation of the state ``seen``; predictions are made anew."""
+        """Show an adjustment or its continuation of the state ``seen``; predictions are computed again."""
         self.shown, self._shown_from = shown, seen
         self._predicted.clear()
         self._shifts = None

@@ -44,7 +44,7 @@ SHARED = (
 )  # fmt: skip
 ONLY_ASKED = ("surface-model",)  #: steps that run only if the file has their table
 GROUND_OPTIONS = frozenset({"dem", "height", "terrain_points"})  #: options that define the ground of orthoimages
-#: Steps whose inputs are made by the run, and what its plan says of them.
+#: Steps whose inputs are made by the run, and the text on them in its plan.
 MADE_INPUTS = {"surface-model": "surface of up to {} images", "ortho-check": "up to {} orthoimages"}
 SKIP = "skip"  #: a step with this key set, to true or to the reason, is not run
 
