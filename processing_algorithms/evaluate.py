@@ -99,17 +99,6 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     everywhere = np.all([np.isfinite(one.fit.ground).all(axis=1) for one in sets], axis=0)
     kept = everywhere & ~wrong
     predicted = kept[observations.point] & np.all([np.isfinite(one.fit.enlargement) for one in sets], axis=0)
-    rays = np.diff(observations.first)
-    tracks_entry: Report = {
-        "points": int(kept.sum()),
-        "observations": int(kept[observations.point].sum()),
-        "wrong": int(wrong.sum()),
-        "without_position": int((~everywhere).sum()),
-        "by_views": {str(k): int(np.sum(kept & (rays == k))) for k in np.unique(rays[kept]).tolist()},
-        "made_rpcs": judges.left_out,
-        "held_out": judges.held_out,
-        "independent": judges.are_independent,
-    }
     set_entries = {
         one.name: _set_entry(one, observations, kept, predicted, surface=surface, control=control, options=options)
         for one in sets
@@ -123,7 +112,7 @@ def run(options: EvaluateOptions, context: Context) -> Report:
     report: Report = {
         **context.record,
         "seconds": {},
-        "tracks": tracks_entry,
+        "tracks": _tracks_entry(observations, kept, wrong, everywhere, judges),
         "sets": set_entries,
         "best": _rank_sets(set_entries, judges.are_independent),
         "warnings": warnings,
@@ -285,6 +274,23 @@ def _describe_pairs(one: RpcSet, kept: np.ndarray) -> list[Report]:
                 }
             )
     return entries
+
+
+def _tracks_entry(
+    observations: Observations, kept: np.ndarray, wrong: np.ndarray, everywhere: np.ndarray, judges: EvaluationPoints
+) -> Report:
+    """Return how many tracks are compared, and on how many images; the masks are of tracks, ``(n,)``."""
+    rays = np.diff(observations.first)
+    return {
+        "points": int(kept.sum()),
+        "observations": int(kept[observations.point].sum()),
+        "wrong": int(wrong.sum()),
+        "without_position": int((~everywhere).sum()),
+        "by_views": {str(k): int(np.sum(kept & (rays == k))) for k in np.unique(rays[kept]).tolist()},
+        "made_rpcs": judges.left_out,
+        "held_out": judges.held_out,
+        "independent": judges.are_independent,
+    }
 
 
 def _survey_entry(one: RpcSet, role: Role) -> Report:

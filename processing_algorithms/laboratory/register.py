@@ -75,19 +75,9 @@ def run(options: RegisterOptions, context: Context) -> Report:
     if 2 * len(start) == everything.unknowns:
         lost.append(f"{len(start)} points for {everything.unknowns} parameters: nothing checks the registration")
     residual = everything.residual_px * unit
-    fields = RegisteredPointRows(
-        id=points["ids"],
-        kind=points["kind"].astype(str),
-        used=everything.used,
-        first_sample=points["first"][:, 0],
-        first_line=points["first"][:, 1],
-        second_sample=points["second"][:, 0],
-        second_line=points["second"][:, 1],
-        residual_x=residual[:, 0],
-        residual_y=residual[:, 1],
-    )
+    rows = _tabulate_points(points, residual, everything.used)
     with stage_folder(options.folder.output_dir, context.inputs, options.folder.overwrite) as folder:
-        write_geopackage(str(folder / LAYERS_FILE), [Layer(LAYER, "None", 4326, residual, fields)])
+        write_geopackage(str(folder / LAYERS_FILE), [Layer(LAYER, "None", 4326, residual, rows)])
         if options.report:
             write_page(
                 str(folder / PAGE_FILE), "registration.html.j2", report, **_drawings(points, result, unit, report)
@@ -95,6 +85,21 @@ def run(options: RegisterOptions, context: Context) -> Report:
         write_report_json(str(folder / "report.json"), report)
     advance(context.progress, 1.0, "done")
     return report
+
+
+def _tabulate_points(points: dict[str, np.ndarray], residual: np.ndarray, used: np.ndarray) -> RegisteredPointRows:
+    """Return the rows of the layer of points, with their residuals ``(n, 2)`` in the unit of the report."""
+    return RegisteredPointRows(
+        id=points["ids"],
+        kind=points["kind"].astype(str),
+        used=used,
+        first_sample=points["first"][:, 0],
+        first_line=points["first"][:, 1],
+        second_sample=points["second"][:, 0],
+        second_line=points["second"][:, 1],
+        residual_x=residual[:, 0],
+        residual_y=residual[:, 1],
+    )
 
 
 def _match(options: RegisterOptions) -> tuple[str, str, dict[str, np.ndarray]]:
