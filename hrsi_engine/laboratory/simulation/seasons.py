@@ -87,11 +87,13 @@ class SeasonLandscape(Landscape):
         usual = super().parcel_grey
         age = (self.day - self.ploughing_day) % YEAR_DAYS
         leaves = np.clip(2.0 * self.summer - 0.5, 0.0, 1.0)
-        visible = np.array([1.0, 1.15 - 0.3 * leaves, 1.3 - 0.3 * leaves, 1.0, 1.0, 1.0])[self.parcel_cover]
-        near_infrared = np.array([1.0, 0.6 + 0.4 * leaves, 0.6 + 0.4 * leaves, 1.0, 1.0, 1.0])[self.parcel_cover]
-        field = self.parcel_cover == 0
-        visible = np.where(field, np.interp(age, CROP_DAYS, CROP_VISIBLE), visible)
-        near_infrared = np.where(field, np.interp(age, CROP_DAYS, CROP_NEAR_INFRARED), near_infrared)
+        # By land cover (the order of `COVERS`); fields follow their crop
+        covers_visible = np.array([1.0, 1.15 - 0.3 * leaves, 1.3 - 0.3 * leaves, 1.0, 1.0, 1.0])
+        covers_near_infrared = np.array([1.0, 0.6 + 0.4 * leaves, 0.6 + 0.4 * leaves, 1.0, 1.0, 1.0])
+        visible, near_infrared = (
+            np.where(self.parcel_cover == 0, np.interp(age, CROP_DAYS, crop), covers[self.parcel_cover])
+            for crop, covers in ((CROP_VISIBLE, covers_visible), (CROP_NEAR_INFRARED, covers_near_infrared))
+        )
         pan = 0.7 * visible + 0.3 * near_infrared
         return (usual * np.stack([pan, visible, visible, visible, near_infrared])).astype(np.float32)
 
@@ -180,10 +182,8 @@ def park_cars(landscape: Landscape, half_extent_m: float, acquisition: Acquisiti
         lane = rng.choice([-1.5, 1.5], count)
         place[:, axis] = LAND_LATTICE.block_m * rng.integers(-lines, lines + 1, count) + lane
         place[:, 1 - axis] = rng.uniform(-reach, reach, count)
-        step = np.zeros(2)
-        step[1 - axis] = 1.0
         lattice.append(place)
-        ahead.append(place + step)
+        ahead.append(place + np.eye(2)[1 - axis])
     position, next_one = (landscape.from_lattice(np.concatenate(parts)) for parts in (lattice, ahead))
     inside = np.abs(position).max(axis=1) < reach
     position, direction = position[inside], (next_one - position)[inside]
