@@ -22,7 +22,6 @@ from hrsi.hrsi_engine.adjustment.result import Adjustment
 from hrsi.hrsi_engine.block.assembly import assemble
 from hrsi.hrsi_engine.block.block import Block, GroundPoints, ImagePoints
 from hrsi.hrsi_engine.block.default_sigmas import DefaultSigmas
-from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, wrap_degrees
 from hrsi.hrsi_engine.io.point_files import read_points
 
@@ -197,24 +196,6 @@ def test_a_file_tells_the_same_in_every_order(ground: list[tuple[float, float, f
         found = read_points(str(path), height_datum="ellipsoidal").ground
     place = {str(name): found.ground[row] for row, name in enumerate(found.ids)}
     assert {name: tuple(position) for name, position in place.items()} == {f"P{k}": p for k, p in enumerate(ground)}
-
-
-@settings(max_examples=20)
-@given(ground=GROUND, twice=st.integers(0, 7), moved=st.sampled_from([0.0, 1e-9, 0.5]))
-def test_a_known_point_told_twice_is_an_error_that_names_it(
-    ground: list[tuple[float, float, float]], twice: int, moved: float
-) -> None:
-    row = twice % len(ground)
-    lines = [f"P{k},{lon!r},{lat!r},{height!r}" for k, (lon, lat, height) in enumerate(ground)]
-    lon, lat, height = ground[row]
-    lines.append(f"P{row},{lon + moved!r},{lat!r},{height!r}")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "points.csv"
-        path.write_text("\n".join(["id,lon,lat,height", *lines]))
-        with pytest.raises(
-            InputError, match=rf"line {len(lines) + 1} \(id 'P{row}'\): occurs in line {row + 2} already"
-        ):
-            read_points(str(path), height_datum="ellipsoidal")
 
 
 @pytest.mark.parametrize("threads", mark_beyond(1, "thorough", [2, 5]))

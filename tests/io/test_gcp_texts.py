@@ -1,7 +1,5 @@
 """GCP texts of Metashape and OrthoEngine, written as their makers describe them."""
 
-from pathlib import Path
-
 import numpy as np
 import pyproj
 import pytest
@@ -9,8 +7,6 @@ import pytest
 from hrsi.hrsi_engine.block.block import Role
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.io.rpc_files import read_rpc
-from hrsi.processing_algorithms import run
 
 #: As Metashape writes it: WKT 1 with TOWGS84, names of degrees in full, no AXIS.
 WKT = (
@@ -82,49 +78,3 @@ def test_orthoengine_gcps(tmp_path):
     path.write_text("G1 1 2 8.5 47.4 400\nG2 1 2 8.5 47.4\n")
     with pytest.raises(InputError, match=r"gcps\.txt, line 2: has 5 columns, but 6 columns are named"):
         read_points(f"{path}|columns=ID,P,L,X,Y,Z", image_ids=["img"], ground_crs="EPSG:4326")
-
-
-def write_tables(folder: Path) -> dict[str, dict[str, str]]:
-    """Return the options of one block's points as CSV, and as OrthoEngine's and Metashape's texts."""
-    made = folder / "made"
-    run("simulate", sensor="pleiades", images=2, size=2000, gcps=8, checks=0, ties=40, seed=5, pixels=False,
-        output_dir=str(made))  # fmt: skip
-    ground = [row.split(",") for row in (made / "ground_points.csv").read_text().splitlines()]
-    image = [row.split(",") for row in (made / "image_points.csv").read_text().splitlines()]
-    at, of = ({name: place for place, name in enumerate(table[0])} for table in (ground, image))
-    known = {row[at["id"]] for row in ground[1:]}
-    ties, on_known = [], []
-    for row in image[1:]:
-        (on_known if row[of["id"]] in known else ties).append(row)
-    for name, rows in (("ties", ties), ("known", on_known)):
-        four = [",".join(row[of[field]] for field in ("id", "image", "sample", "line")) for row in rows]
-        (folder / f"{name}.csv").write_text("\n".join(["id,image,sample,line", *four]) + "\n")
-        (folder / f"{name}.txt").write_text("".join(
-            f"{row[of['id']]}\t{row[of['image']]} {float(row[of['sample']]) + 0.5!r} {float(row[of['line']]) + 0.5!r}\n"
-            for row in rows
-        ))  # fmt: skip
-    markers = [[row[at[name]] for name in ("id", "lon", "lat", "height")] for row in ground[1:]]
-    header = "#Label,X/Longitude,Y/Latitude,Z/Altitude"
-    (folder / "markers.csv").write_text("\n".join([header, *map(",".join, markers)]) + "\n")
-    (folder / "ground.csv").write_text("\n".join(["id,lon,lat,height", *map(",".join, markers)]) + "\n")
-    columns = "columns=TP_ID,Image,P,L"
-    return {
-        "csv": {"gcps": str(folder / "ground.csv"), "image_points": str(folder / "known.csv"),
-                "tie_points": str(folder / "ties.csv")},
-        "texts": {"gcps": str(folder / "markers.csv"), "image_points": f"{folder / 'known.txt'}|{columns}",
-                  "tie_points": f"{folder / 'ties.txt'}|{columns}"},
-    }  # fmt: skip
-
-
-def test_the_adjustment_is_that_of_csv(tmp_path):
-    """The refined RPCs see the block's ground at the same pixels to 1e-6 px."""
-    cameras = {}
-    for kind, points in write_tables(tmp_path).items():
-        run("adjust", images=[str(tmp_path / "made" / f"image_{number}_RPC.TXT") for number in (1, 2)], **points,
-            height_datum="ellipsoidal", report=False, output_dir=str(tmp_path / kind))  # fmt: skip
-        cameras[kind] = sorted((tmp_path / kind).glob("*_RPC.TXT"))
-    assert len(cameras["csv"]) == 2
-    xy = np.stack(np.meshgrid(np.linspace(0, 1999, 5), np.linspace(0, 1999, 5)), axis=-1).reshape(-1, 2)
-    for one, other in zip(cameras["csv"], cameras["texts"], strict=True):
-        one, other = read_rpc(str(one)).rpc, read_rpc(str(other)).rpc
-        np.testing.assert_allclose(other.project(one.localize(xy, 250.0).ground), xy, atol=1e-6)

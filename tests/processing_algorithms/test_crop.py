@@ -278,10 +278,3 @@ def test_the_input_is_never_replaced(image: Path, tmp_path: Path) -> None:
     (tmp_path / "b_crop.tif").symlink_to(tmp_path / "b.tif")
     with pytest.raises(InputError, match="is an input"):
         run("crop", images=[str(tmp_path / "b.tif")], factor=0.5, output_dir=str(tmp_path), overwrite=True)
-
-
-def test_dry_run_writes_nothing(image: Path, tmp_path: Path) -> None:
-    from hrsi.processing_algorithms.command_line.cli import main
-
-    assert main(["crop", str(image), "--factor", "0.5", "--output-dir", str(tmp_path / "out"), "--dry-run"]) == 0
-    assert not (tmp_path / "out").exists()

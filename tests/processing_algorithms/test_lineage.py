@@ -136,32 +136,6 @@ def test_refined_image_tells_of_its_making(write: str, name: str, scene: Path, t
     assert np.array_equal(gdal.Open(str(tmp_path / "out" / name)).ReadAsArray(), pixels)
 
 
-@pytest.mark.thorough
-def test_copy_and_image_in_place_get_their_original_back(scene: Path, tmp_path: Path) -> None:
-    vendor = read_rpc(str(scene / "image_1.tif")).rpc
-    adjusted(scene, tmp_path / "out")
-    copy = tmp_path / "out" / "image_1.tif"
-    assert read_rpc(str(copy)).rpc != vendor
-    run("write-rpc", images=[str(copy)], restore=True)
-    assert numbers_of(read_rpc(str(copy)).rpc) == numbers_of(vendor)
-    assert own_metadata(copy) == {}
-
-    shutil.copytree(scene, tmp_path / "own")
-    image = tmp_path / "own" / "image_1.tif"
-    before = image.read_bytes()
-    for _ in range(2):  # the second run writes over what the first told, and keeps the vendor's RPC
-        adjusted(tmp_path / "own", tmp_path / "again", write="in-place", overwrite=True)
-    assert own_metadata(image)["HRSI_ALGORITHM"] == "adjust"
-    run("write-rpc", images=[str(image)], restore=True)
-    assert numbers_of(read_rpc(str(image)).rpc) == numbers_of(vendor)
-    assert own_metadata(image) == {} and gdal.Open(str(image)).GetMetadata() == _metadata_of(before, tmp_path)
-
-
-def _metadata_of(content: bytes, folder: Path) -> dict[str, str]:
-    (folder / "before.tif").write_bytes(content)
-    return gdal.Open(str(folder / "before.tif")).GetMetadata()
-
-
 def test_original_from_a_sidecar_is_what_comes_back(scene: Path, tmp_path: Path) -> None:
     """GDAL takes the vendor's sidecar before the tag; the copy has no sidecar, and keeps what the sidecar said."""
     shutil.copytree(scene, tmp_path / "own")

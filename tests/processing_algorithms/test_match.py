@@ -4,11 +4,9 @@ import csv
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from gdal_files import write_raster
-from long_tests import mark_beyond
 from network_scenes import TruePair, true_pair
 from osgeo import ogr
 
@@ -135,36 +133,3 @@ def test_with_rpc_the_layer_lies_on_the_ground(real_data: Path, tmp_path: Path):
     layer = ogr.Open(str(tmp_path / "out" / "match.gpkg"))
     west, east, south, north = layer.GetLayerByName("correspondences").GetExtent()
     assert 5.43 < west < east < 5.46 and 43.25 < south < north < 43.27
-
-
-@pytest.mark.parametrize(("scale", "turn_deg"), mark_beyond(1, "rendered", [(0.65, 200.0), (1.6, -40.0)]))
-def test_unknown_scale_and_rotation_are_found(tmp_path: Path, scale: float, turn_deg: float) -> None:
-    """The second image made from the first by a known similarity, with noise of its own."""
-    rng = np.random.default_rng(5)
-    first = sum(
-        2.0**octave * cv2.resize(rng.normal(size=(400 >> octave,) * 2), (400, 400), interpolation=cv2.INTER_CUBIC)
-        for octave in range(1, 6)
-    )
-    first = 800.0 + 60.0 * first.astype(np.float32) / float(first.std())
-    side = int(400 * max(scale, 1.0))
-    similarity = cv2.getRotationMatrix2D((199.5, 199.5), -turn_deg, scale)
-    similarity[:, 2] += side / 2.0 - 199.5
-    blurred = cv2.GaussianBlur(first, (0, 0), 0.5 / scale) if scale < 1.0 else first
-    second = cv2.warpAffine(blurred, similarity, (side, side), flags=cv2.INTER_CUBIC, borderValue=0)
-    second = np.where(second > 1.0, np.maximum(second + rng.normal(0, 4, second.shape), 1.0), 0.0)
-    images = [
-        write_raster(tmp_path / name, grey.astype(np.uint16), nodata=0)
-        for name, grey in (("a.tif", first), ("b.tif", second))
-    ]
-    assert main(["match", *images, "--output-dir", str(tmp_path / "out"), "--quiet"]) == 0
-    report = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert report["scale"] == pytest.approx(scale, rel=2e-3)
-    assert (report["rotation_deg"] - turn_deg + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=0.1)
-    with open(tmp_path / "out" / "correspondences.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) > 50
-    there, here = (
-        np.array([[float(row[f"{n}_sample"]), float(row[f"{n}_line"])] for row in rows]) for n in ("first", "second")
-    )
-    true = there @ similarity[:, :2].T + similarity[:, 2]
-    assert np.linalg.norm(true - here, axis=1).max() < 3.0

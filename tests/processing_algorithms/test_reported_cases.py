@@ -14,10 +14,9 @@ from osgeo import gdal
 from pyproj import CRS, Transformer
 from rpc_samples import write_image
 
-import hrsi
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
 from hrsi.hrsi_engine.io.point_files import read_points
-from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
+from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.processing_algorithms import run
 
 CENTRE = np.array([[5.45006, 43.53009, 250.0]])
@@ -58,22 +57,6 @@ def test_points_without_heights_on_one_image(scene: Path, tmp_path: Path) -> Non
     is_check = np.char.startswith(measured.ids, "C")
     assert is_check.sum() >= 4
     assert np.sqrt(np.mean(errors[is_check] ** 2, axis=0)).max() < 0.7  # 0.39, 0.26 px there; 4.4, 14.6 px before
-
-
-@pytest.mark.parametrize("carrier", ["tag", "sidecar"])
-def test_a_crop_by_rasterio(scene: Path, tmp_path: Path, carrier: str) -> None:
-    source = gdal.Open(str(scene / "image_1.tif"))
-    crop = gdal.GetDriverByName("GTiff").Create(str(tmp_path / "crop.tif"), 170, 130, 1, gdal.GDT_UInt16)
-    crop.WriteArray(source.ReadAsArray()[110:240, 90:260])
-    crop.SetGeoTransform((90, 1, 0, 110, 0, 1))
-    rpc = read_rpc(str(scene / "image_1.tif")).rpc
-    if carrier == "tag":
-        crop.SetMetadata(source.GetMetadata("RPC"), "RPC")
-    else:
-        write_rpc_text(str(tmp_path / "crop_RPC.TXT"), rpc)
-    del crop
-    found = hrsi.open(str(tmp_path / "crop.tif")).rpc.project(CENTRE)
-    np.testing.assert_allclose(found, rpc.project(CENTRE) - [90, 110], atol=1e-6)
 
 
 def test_no_match_is_no_wrong_input(scene: Path, tmp_path: Path) -> None:
