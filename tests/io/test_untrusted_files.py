@@ -16,9 +16,10 @@ from osgeo import gdal, ogr
 from parsed_sources import walk_sources
 from rpc_samples import sample_rpc, write_image
 
-from hrsi.hrsi_engine.foundation.errors import HrsiError, InputError
+from hrsi.hrsi_engine.foundation.errors import HrsiError, InputError, OutputError
 from hrsi.hrsi_engine.io.geopackage.layer_tables import replace_layers
 from hrsi.hrsi_engine.io.geopackage.layers import Layer, write_geopackage
+from hrsi.hrsi_engine.io.opening.databases import insert_text, sql_text
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
@@ -340,3 +341,30 @@ def test_a_cache_with_code_is_no_cache(tmp_path: Path):
     np.savez(tmp_path / "part-1.npz", found=np.array([Canary(str(tmp_path / "ran"))], dtype=object))
     assert PartStore(str(tmp_path)).load("part-1") is None
     assert not (tmp_path / "ran").exists()
+
+
+# ---- names in SQL texts ----------------------------------------------------------------------------------------------
+
+
+HOSTILE = ['a"b', '"; DROP TABLE kept; --', "it's", "{table}", "select", "naïve 名", "a]b`c", "%s ?", " "]
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_any_name_is_one_identifier(name: str):
+    """SQLite itself tells the names of what was made with them; nothing else happened."""
+    column = f"{name}x"
+    with closing(sqlite3.connect(":memory:")) as database:
+        database.execute("CREATE TABLE kept (a)")
+        database.execute(sql_text("CREATE TABLE {table} ({columns})", table=name, columns=["one", column]))
+        database.execute(insert_text(name, ["one", column]), (1, name))
+        rows = database.execute(sql_text("SELECT {column} FROM {table}", table=name, column=column)).fetchall()
+        columns = [row[1] for row in database.execute("SELECT * FROM pragma_table_info(?)", (name,))]
+        tables = {row[0] for row in database.execute("SELECT name FROM sqlite_master")}
+    assert rows == [(name,)]
+    assert columns == ["one", column]
+    assert tables == {"kept", name}
+
+
+def test_a_zero_byte_is_refused():
+    with pytest.raises(OutputError, match="zero byte"):
+        sql_text("DELETE FROM {table}", table="a\0b")
