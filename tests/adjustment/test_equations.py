@@ -63,19 +63,6 @@ def equals_dense_algebra(width: int, size: int) -> None:
     np.testing.assert_allclose(factor.project_cofactors(rows), expected, rtol=1e-8, atol=1e-13)
 
 
-def test_dissection_handles_unconnected_cameras():
-    pattern, upper, dense = grid_matrix(6, 2)
-    two = sparse.block_diag([pattern.graph, pattern.graph], format="csr")
-    start = np.concatenate([pattern.start, pattern.start[1:] + pattern.blocks])
-    columns = np.concatenate([pattern.columns, pattern.columns + pattern.cameras]).astype(np.int32)
-    place = np.concatenate([pattern.position, pattern.position])  # the same place twice, no common points
-    factor = SparseFactor(sparse.csr_matrix(two), start, columns, 2, place)
-    factor.factorise(np.concatenate([upper, 2.0 * upper]))
-    right = np.ones(2 * len(dense))
-    expected = np.linalg.solve(dense, right[: len(dense)])
-    np.testing.assert_allclose(factor.solve(right), np.concatenate([expected, 0.5 * expected]), rtol=1e-9)
-
-
 def test_camera_system_equals_dense_algebra():
     pattern, upper, dense = grid_matrix(14, 6)
     prior = np.full((pattern.cameras, 6), 0.1)

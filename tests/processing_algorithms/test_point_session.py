@@ -2,7 +2,6 @@
 
 import math
 import shutil
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -264,29 +263,6 @@ def test_next_point_to_measure(session: PointSession) -> None:
     assert session.find_next_gap(names[0], 1) == next(name for name in names[2:] if name not in away)
     assert session.find_next_gap(names[0], -1) == next(name for name in names[::-1] if name not in away)
     assert PointSession().find_next_gap("", 1) == ""
-
-
-def test_many_points_on_many_images_are_predicted_at_once(session: PointSession) -> None:
-    """50 images x 500 points: what the panel shows after a click takes less than 0.2 s."""
-    image = next(iter(session.images.values()))
-    images = [Image(f"image_{k}", image.rpc, image.size, "") for k in range(50)]
-    rng = np.random.default_rng(1)
-    domain = np.array(image.domain_px)
-    xy = rng.uniform(domain[[0, 2]], domain[[1, 3]], (500, 2))
-    ground, _ = image.rpc.localize(xy, np.full(500, 100.0))
-    points = [SurveyPoint(f"P{k}", *place) for k, place in enumerate(ground.tolist())]
-    measured = {(p.id, i.id): ImageMeasurement(*xy[k]) for k, p in enumerate(points) for i in images}
-    many = PointSession(images, points, measured)
-    many.rows()
-    many.measurements("P0")
-    start = time.process_time()
-    many.set_measurement("P7", "image_3", ImageMeasurement(1.0, 1.0))
-    many.rows()
-    many.measurements("P7")
-    for name in ("image_1", "image_2", "image_3", "image_4"):
-        assert sum(row.measured is not None for row in many.on_image(name).values()) == 500
-    took = time.process_time() - start
-    assert took < 0.4  # 0.2 s is the aim; a machine whose processors others use takes twice the CPU seconds
 
 
 def test_unsaved_edits_are_found_again(session: PointSession, tmp_path: Path) -> None:
