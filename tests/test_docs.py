@@ -24,9 +24,7 @@ from hrsi.hrsi_engine.adjustment import adjust
 from hrsi.hrsi_engine.adjustment.external.heights import HEIGHTS
 from hrsi.hrsi_engine.adjustment.outcome.area_accuracy import AREA_ACCURACY
 from hrsi.hrsi_engine.block.orthoimage import DEM
-from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.robust_scale import ROBUST
-from hrsi.hrsi_engine.ground import geoids
 from hrsi.hrsi_engine.ground.geoids import GEOID
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 from hrsi.hrsi_engine.laboratory import simulation as lab
@@ -151,17 +149,6 @@ def test_points_on_four_images_are_those_of_the_pages(real_data: Path):
     used = (result.weight > 0.0) & result.has_residual & (rays[rows.point] == 4)
     assert 0.9 * np.count_nonzero(rays == 4) == pytest.approx(number, rel=0.05)
     assert np.sqrt(np.mean(np.sum(result.residual_px[used] ** 2, axis=1))) == pytest.approx(rms_px, abs=0.01)
-
-
-def test_a_missing_geoid_is_replaced_as_the_page_states(monkeypatch: pytest.MonkeyPatch):
-    """By the finest installed model, with its name; without any grid it is an error, never zero."""
-    assert not _find_numbers("how-to/heights.md", "the finest installed model replaces it")
-    assert not _find_numbers("how-to/heights.md", "Without any grid it is an error.")
-    monkeypatch.setattr(geoids, "_open_grid", lambda file: file == geoids.GEOID_GRIDS["egm96"][0] or None)
-    assert geoids.find_geoid("egm2008") == geoids.Geoid("egm96", geoids.GEOID_GRIDS["egm96"][0], "egm2008")
-    monkeypatch.setattr(geoids, "_open_grid", lambda file: None)
-    with pytest.raises(InputError, match="not installed"):
-        geoids.find_geoid("egm2008")
 
 
 @pytest.mark.parametrize("place", ["in the image", "next to it"])

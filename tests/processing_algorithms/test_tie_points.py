@@ -4,12 +4,7 @@ import csv
 import json
 import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +21,6 @@ from hrsi.hrsi_engine.laboratory import simulation as lab
 from hrsi.hrsi_engine.laboratory.simulated_files import write_image
 from hrsi.hrsi_engine.laboratory.simulation.render import render_window
 from hrsi.hrsi_engine.laboratory.simulation.surface import locate_on_surface
-from hrsi.hrsi_engine.measurement.block_matching import search, star
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.block_steps.tie_search import UNFINISHED
 from hrsi.processing_algorithms.command_line.cli import main
@@ -104,50 +98,6 @@ def test_automatic_tie_points_are_the_same(result, pair, tmp_path):
     from_file = json.loads((result / "report.json").read_text())["ties"]
     assert report["ties"]["points"] == from_file["points"]
     assert not (tmp_path / UNFINISHED).exists()
-
-
-@pytest.mark.killed
-def test_run_that_was_killed_continues(pair, result, tmp_path, monkeypatch):
-    """Killed (SIGKILL) with some parts finished; the same command takes these and comes to the same points."""
-    folder = tmp_path / "ties"
-    command = [sys.executable, "-c", SLOW_RUN, *pair, str(folder)]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        deadline = time.monotonic() + 60.0
-        while not (parts := sorted((folder / UNFINISHED).glob("windows-*.npz"))) and time.monotonic() < deadline:
-            time.sleep(0.02)
-    finally:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    assert parts
-    assert not (folder / "report.json").exists()
-    said: list[str] = []
-    monkeypatch.setattr(search, "GRIDS", replace(search.GRIDS, cells=1))
-    monkeypatch.setattr(star, "MEMORY", replace(star.MEMORY, window_px=200))
-    run("tie-points", images=pair, output_dir=str(folder), csv=True, log=said.append)
-    assert any(message.startswith("continues with") for message in said)
-    assert sorted(path.name for path in folder.iterdir()) == FILES
-    whole = tmp_path / "whole"
-    run("tie-points", images=pair, output_dir=str(whole), csv=True)
-    assert (folder / "tie_points.csv").read_bytes() == (whole / "tie_points.csv").read_bytes()
-
-
-#: Every part is small, and takes its time after it: so the run is killed in the middle.
-SLOW_RUN = """
-import sys, time
-from dataclasses import replace
-from hrsi.hrsi_engine.io.safety.array_files import PartStore
-from hrsi.hrsi_engine.measurement.block_matching import search, star
-from hrsi.processing_algorithms import run
-search.GRIDS = replace(search.GRIDS, cells=1)
-star.MEMORY = replace(star.MEMORY, window_px=200)
-save = PartStore.save
-def slow(self, key, result):
-    save(self, key, result)
-    time.sleep(1.0)
-PartStore.save = slow
-run("tie-points", images=sys.argv[1:-1], output_dir=sys.argv[-1], threads=1)
-"""
 
 
 def test_cancelled_run_leaves_only_what_is_finished(pair, tmp_path):
