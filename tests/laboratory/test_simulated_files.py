@@ -9,7 +9,6 @@ from long_tests import mark_beyond
 from osgeo import gdal
 
 from hrsi.hrsi_engine.foundation.errors import Cancelled, OutputError
-from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.io.rpc_files.fields import gdal_metadata
@@ -93,12 +92,6 @@ def test_pixels_are_the_rendered_ones(block: lab.BlockSimulation, folder: Path):
         np.testing.assert_array_equal(image.read(1), lab.make_renderer(block, "image_1").window(0, 0, 600, 500))
 
 
-def test_rpc_survives_with_every_digit(block: lab.BlockSimulation, folder: Path):
-    image = open_image(str(folder / "image_2.tif"))
-    np.testing.assert_array_equal(image.rpc.line_num, block.block.images[1].rpc.line_num)
-    assert image.size == (600, 500)
-
-
 def test_multispectral_pixels_cover_four_by_four(block: lab.BlockSimulation, folder: Path):
     image = open_image(str(folder / "image_1_ms.tif"))
     ground, xy = seen_on(block, 0)
@@ -127,16 +120,6 @@ def test_orthophoto_is_georeferenced(block: lab.BlockSimulation, tmp_path: Path)
         row, column = image.index(lon, lat)
         around = image.read(1)[row - 1 : row + 2, column - 1 : column + 2]
     assert around.min() > 1000  # the bright disc
-
-
-def test_points_read_back(block: lab.BlockSimulation, folder: Path):
-    ground = read_points(str(folder / "ground_points.csv")).ground
-    images = read_points(str(folder / "image_points.csv")).image
-    known = block.block.known
-    np.testing.assert_array_equal(ground.ids, block.block.points.ids[known])
-    np.testing.assert_array_equal(ground.ground, block.block.points.ground[known])
-    np.testing.assert_array_equal(ground.role, block.block.points.role[known])
-    np.testing.assert_array_equal(images.xy, block.block.measurements.xy)
 
 
 def test_cancel_and_failure_leave_nothing(block: lab.BlockSimulation, tmp_path: Path):

@@ -38,14 +38,6 @@ def test_rpcs_fit_their_cameras_and_the_block_is_consistent(sensor: str):
     assert stated < 1e-6
 
 
-def test_full_scenes_are_fitted_too():
-    views = lab.make_along_track_views(lab.SENSORS["spot5"], 1, (24000, 24000), across_deg=10.0, heading_deg=12.0)
-    simulated = lab.simulate_block(
-        lab.SceneSpec(relief_m=1500.0, post_m=40.0), views, lab.PointCounts(10, 10, 0), NO_NOISE
-    )
-    assert simulated.truth.vendor_rpcs[0].max_px < 1e-4
-
-
 def test_noise_is_as_asked():
     simulated = block(image_px=0.4, gcp_xy_m=0.5, gcp_h_m=0.8)
     truth, known = simulated.truth, simulated.block.known

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gdal_files import write_raster
-from osgeo import ogr
+from independent_formulas import layer
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.io.point_files import read_points
@@ -27,11 +27,6 @@ def picture(tmp_path: Path) -> Path:
     return Path(write_raster(tmp_path / "picture.tif", image(disc(12.0)).grey.astype(np.uint16)))
 
 
-def features(path: Path, layer: str) -> list[dict]:
-    dataset = ogr.Open(str(path))
-    return [feature.items() for feature in dataset.GetLayerByName(layer)]
-
-
 def test_choices_are_the_engine_s():
     assert {name for names in DETECTOR_SETS.values() for name in names} == set(DETECTORS)
     assert {form for form, _ in REGISTRATION_MODELS.values()} == set(REGISTRATION_FORMS)
@@ -41,7 +36,7 @@ def test_choices_are_the_engine_s():
 def test_interest_points_with_rpc_lie_on_the_ground(real_data: Path, tmp_path: Path):
     source = str(real_data / "ventoux_phr_pair" / "left_image.tif")
     report = run("interest-points", images=[source], output_dir=tmp_path / "out", per_cell=20)
-    rows = features(tmp_path / "out" / "interest_points.gpkg", "interest_points")
+    rows = layer(tmp_path / "out" / "interest_points.gpkg", "interest_points")
     assert len(rows) == report["images"]["left_image"]["points"] > 50
     assert json.loads((tmp_path / "out" / "report.json").read_text())["detector"] == "all"
     again = read_points(str(tmp_path / "out" / "interest_points.gpkg") + "|layername=interest_points").image
@@ -55,7 +50,7 @@ def test_interest_points_without_rpc_and_in_a_window(picture: Path, tmp_path: Pa
         "interest-points", images=[picture], detector="centres", window="100,100,200,200", output_dir=tmp_path / "out"
     )
     assert report["images"]["picture"]["kinds"] == {"ellipse": 1}
-    row = features(tmp_path / "out" / "interest_points.gpkg", "interest_points")[0]
+    row = layer(tmp_path / "out" / "interest_points.gpkg", "interest_points")[0]
     assert np.hypot(*(np.array([row["sample"], row["line"]]) - CENTRE)) < 0.1
     assert row["length_px"] == pytest.approx(24.0, abs=0.3)
     with pytest.raises(InputError, match="four whole numbers"):
@@ -67,7 +62,7 @@ def test_targets_near_positions(picture: Path, tmp_path: Path):
     points.write_text("id,sample,line,kind\nA,184,207,center\nB,60,60,corner\n")
     report = run("measure-targets", images=[picture], points=points, output_dir=tmp_path / "out")
     assert (report["measured"], report["refused"]) == (1, 1)
-    row = features(tmp_path / "out" / "targets.gpkg", "targets")[0]
+    row = layer(tmp_path / "out" / "targets.gpkg", "targets")[0]
     assert np.hypot(*(np.array([row["sample"], row["line"]]) - CENTRE)) < 0.1
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.count('<svg class="chip"') == page.count("data:image/png;base64,") == 2
@@ -95,7 +90,7 @@ def test_register_quickbird(thesis_data: Path, tmp_path: Path):
     report = run("register", image_points=path, gsd=0.61, output_dir=tmp_path / "out")
     assert report["together"]["center"]["distance"] == pytest.approx(1.0, abs=0.05)
     assert report["together"]["corner"]["distance"] == pytest.approx(2.1, abs=0.05)
-    assert len(features(tmp_path / "out" / "registration.gpkg", "residuals")) == 52
+    assert len(layer(tmp_path / "out" / "registration.gpkg", "residuals")) == 52
     assert (tmp_path / "out" / "report.html").read_text().count("<svg") == 4
     with pytest.raises(InputError, match="needs both images"):
         run("register", image_points=path, model="rpc-shift", output_dir=tmp_path / "other")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gdal_files import write_raster
+from independent_formulas import layer
 from network_scenes import TruePair, true_pair
 from osgeo import ogr
 
@@ -33,17 +34,12 @@ def files(pair: TruePair, tmp_path_factory: pytest.TempPathFactory) -> list[str]
     ]
 
 
-def rows_of(path: Path, layer: str) -> list[dict]:
-    dataset = ogr.Open(str(path))
-    return [feature.items() for feature in dataset.GetLayerByName(layer)]
-
-
 def test_results_are_written(files: list[str], pair: TruePair, tmp_path: Path):
     report = run("match", images=files, output_dir=tmp_path / "out", threads=1)
     assert report["status"] == "found"
     assert report["rotation_deg"] == pytest.approx(45.0, abs=0.3)
     assert report["scale"] == pytest.approx(1.0, abs=0.01)
-    rows = rows_of(tmp_path / "out" / "match.gpkg", "correspondences")
+    rows = layer(tmp_path / "out" / "match.gpkg", "correspondences")
     assert len(rows) == report["correspondences"] >= 150
     first, second = (np.array([[row[f"{n}_sample"], row[f"{n}_line"]] for row in rows]) for n in ("first", "second"))
     assert np.hypot(*(second - pair.carried(first)).T).max() < 1.5
@@ -62,10 +58,10 @@ def test_results_are_written(files: list[str], pair: TruePair, tmp_path: Path):
 def test_points_go_on_to_register(files: list[str], tmp_path: Path):
     run("match", images=files, output_dir=tmp_path / "out", report=False, threads=1)
     assert not (tmp_path / "out" / "report.html").exists()
-    layer = f"{tmp_path / 'out' / 'match.gpkg'}|layername=matched_points"
-    points = read_points(layer).image
+    matched = f"{tmp_path / 'out' / 'match.gpkg'}|layername=matched_points"
+    points = read_points(matched).image
     assert set(points.image_ids.tolist()) == {"first", "second"}
-    report = run("register", image_points=layer, model="affine", output_dir=tmp_path / "registered")
+    report = run("register", image_points=matched, model="affine", output_dir=tmp_path / "registered")
     assert report["together"]["corner"]["distance"] < 5.0  # the relief
 
 
@@ -76,7 +72,7 @@ def test_windows_of_one_file_get_ids_of_their_own(files: list[str], tmp_path: Pa
     )  # fmt: skip
     assert [image["id"] for image in report["images"]] == ["first_1", "first_2"]
     assert report["images"][1]["window"] == [60, 50, 220, 220]
-    rows = rows_of(tmp_path / "out" / "match.gpkg", "correspondences")
+    rows = layer(tmp_path / "out" / "match.gpkg", "correspondences")
     moved = [(row["second_sample"] - row["first_sample"], row["second_line"] - row["first_line"]) for row in rows]
     np.testing.assert_allclose(moved, 0.0, atol=1e-3)  # the same pixels
 
@@ -99,7 +95,7 @@ def test_no_match_ends_with_1_on_the_command_line(
         assert ("first and flat: no match\n" in told.err) == (not form)
         assert told.out.splitlines() == ([] if form else [str(path) for path in sorted(out.iterdir())])
     assert (written["status"], written["correspondences"], written["rotation_deg"]) == ("no match", 0, None)
-    assert rows_of(out / "match.gpkg", "correspondences") == []
+    assert layer(out / "match.gpkg", "correspondences") == []
 
 
 @pytest.mark.parametrize(
@@ -130,6 +126,6 @@ def test_with_rpc_the_layer_lies_on_the_ground(real_data: Path, tmp_path: Path):
         output_dir=tmp_path / "out", threads=1,
     )  # fmt: skip
     assert report["correspondences"] >= 100
-    layer = ogr.Open(str(tmp_path / "out" / "match.gpkg"))
-    west, east, south, north = layer.GetLayerByName("correspondences").GetExtent()
+    dataset = ogr.Open(str(tmp_path / "out" / "match.gpkg"))
+    west, east, south, north = dataset.GetLayerByName("correspondences").GetExtent()
     assert 5.43 < west < east < 5.46 and 43.25 < south < north < 43.27
