@@ -11,7 +11,6 @@ from hrsi.hrsi_engine.block.imaging_geometry import (
     PairGeometry,
     ViewDirection,
     compute_all_pairs,
-    compute_view_directions,
     find_rpc_warnings,
 )
 from hrsi.hrsi_engine.foundation.errors import SolveError
@@ -91,28 +90,6 @@ def test_overlap_depends_on_the_terrains_height(real_data: Path) -> None:
     """The wide-angle pair does not overlap at the RPCs' HEIGHT_OFF; then there are no angles either."""
     pair = compute_all_pairs(views(real_data / "ventoux_phr_pair", 1075.0, ["left_image.tif", "right_image.tif"]))[0]
     assert pair == PairGeometry("left_image", "right_image", (0.0, 0.0), None, None)
-
-
-def test_base_to_height_of_two_rays() -> None:
-    """Cameras that lean by parallaxes of -0.2 and +0.3 m per metre of height have B/H 0.5."""
-    frames = []
-    for lean in (-0.2, 0.3):
-        rpc = synthetic_rpc(10.0, 0.0)
-        samp_num, line_num = np.zeros(20), np.zeros(20)
-        samp_num[1], line_num[2] = 1.0, -1.0
-        samp_num[3] = lean * rpc.height_scale / 5565.97  # metres of half the field: 0.05 degree of the equator
-        one = np.eye(20)[0]
-        frames.append(replace(rpc, samp_num=samp_num, line_num=line_num, samp_den=one, line_den=one))
-    opened = [
-        ViewDirection(Image(name, rpc, (10800, 11000)), ConstantHeight(0.0))
-        for name, rpc in zip("ab", frames, strict=True)
-    ]
-    pair = compute_all_pairs(opened)[0]
-    assert pair.base_to_height == pytest.approx(0.5, rel=2e-3)
-    assert pair.convergence_deg == pytest.approx(np.degrees(np.arctan(0.2) + np.arctan(0.3)), abs=0.05)
-    east, north, up = compute_view_directions(frames[1], np.array([[10.0, 0.0, 0.0]]))[0]
-    assert (east / up, north) == pytest.approx((-0.3, 0.0), abs=1e-3)
-    assert opened[1].geometry().azimuth_deg == pytest.approx(270.0, abs=0.1)
 
 
 def test_footprint_is_the_outline_on_the_ground(real_data: Path) -> None:

@@ -1,4 +1,4 @@
-"""The static check for Qt 6 finds what it is there for, and the plugin passes it."""
+"""The static check for Qt 6, which `make lint` runs over the plugin, finds what it is there for."""
 
 import subprocess
 import sys
@@ -11,11 +11,6 @@ CHECK = REPOSITORY / "scripts" / "check_qt6.py"
 
 def check(folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, str(CHECK), str(folder)], capture_output=True, text=True, check=False)
-
-
-def test_plugin_is_ready() -> None:
-    finished = check(REPOSITORY / "plugin")
-    assert (finished.returncode, finished.stdout) == (0, ""), finished.stdout + finished.stderr
 
 
 def test_unscoped_values_are_found(tmp_path: Path) -> None:
