@@ -1,6 +1,5 @@
 """The dialogs and the model of the Processing toolbox, and the documented command, as a user meets them."""
 
-import json
 import os
 import re
 import shutil
@@ -16,7 +15,7 @@ from hrsi.tests.desktop.desktop import SYSTEM_PATH, Desktop
 pytestmark = pytest.mark.programs
 MODEL = "hrsi:triangulatetoorthoimages"
 ROOT = Path(__file__).resolve().parents[2]
-PAGE, HOBART = ROOT / "docs" / "how-to" / "qgis.md", ROOT / "examples" / "hobart"
+PAGE = ROOT / "docs" / "how-to" / "qgis.md"
 ANSWER_S = 10.0  # a step of the chain takes longer
 CHAIN_S, LOAD_S = 900.0, 90.0  # on cores that others keep busy
 
@@ -133,44 +132,3 @@ def test_long_dialog_has_groups(desktop: Desktop) -> None:
     rpc = "/data/scene_RPC.TXT"
     command = desktop.ask(f"dialog.algorithm().asPythonCommand({{'IMAGES': [{rpc!r}]}}, panel.processing_context)")
     assert rpc in command  # what the history keeps
-
-
-def test_fields_of_gcps_are_chosen(desktop: Desktop, tmp_path: Path) -> None:
-    """A layer whose ids are called otherwise: its field is chosen by mouse and keyboard, and the run has the GCPs."""
-    table = (HOBART / "hobart_ground_points.csv").read_text(encoding="utf-8")
-    (tmp_path / "survey.csv").write_text(table.replace("id,", "Punktnummer,", 1), encoding="utf-8")
-    given = {
-        "IMAGES": sorted(map(str, HOBART.glob("*_RPC.TXT"))), "HEIGHT_DATUM": "ellipsoidal",
-        "IMAGE_POINTS": str(HOBART / "hobart_image_points.csv"), "GCP_IDS": "H003,H022,H024,H035,H048,H058",
-        "OUTPUT_DIR": str(tmp_path / "out"),
-    }  # fmt: skip
-    desktop.ask(
-        "import processing\nfrom qgis.core import QgsVectorLayer\n"
-        "from qgis.gui import QgsCollapsibleGroupBoxBasic as Box\n"
-        "from qgis.PyQt import sip\nfrom qgis.PyQt.QtWidgets import QGroupBox, QScrollArea\n"
-        f"layer = QgsVectorLayer({str(tmp_path / 'survey.csv')!r}, 'survey', 'ogr')\n"
-        "QgsProject.instance().addMapLayer(layer)\n"
-        f"dialog = processing.createAlgorithmDialog('hrsi:adjust', {given} | {{'GCPS': layer.id()}})\n"
-        "dialog.setGeometry(150, 20, 1100, 950)\ndialog.show()\n"
-        "boxes = {one.title(): sip.cast(one, Box) for one in dialog.findChildren(QGroupBox)}\n"
-        "sip.cast(dialog.findChild(QGroupBox, 'grpAdvanced'), Box).setCollapsed(False)\n"
-        "boxes['Fields of the GCPs'].setCollapsed(False)\n"
-        "wrapper = dialog.mainWidget().wrappers['GCPS_ID']\nfield = wrapper.wrappedWidget()"
-    )
-    desktop.wait("field.isVisible()")
-    desktop.ask(
-        "[one.ensureWidgetVisible(field) for one in dialog.findChildren(QScrollArea) if one.isAncestorOf(field)]"
-    )
-    assert desktop.ask("[field.itemText(row) for row in range(3)]") == ["", "Punktnummer", "feature"]
-    assert desktop.ask("field.currentText()") == ""
-    desktop.click("middle_of(field)")  # opens the list of fields
-    desktop.picture("fields_of_gcps")
-    desktop.press("P")  # to the one that begins so
-    desktop.press("Return")
-    assert desktop.ask("wrapper.parameterValue()") == "Punktnummer"
-    desktop.picture("fields_of_gcps_chosen")
-    desktop.click("middle_of(dialog.runButton())")
-    desktop.wait("bool(dialog.results())", CHAIN_S)
-    report = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
-    assert report["options"]["gcps"] == f"{tmp_path / 'survey.csv'}|columns=id=Punktnummer"
-    assert report["check"]["points"] == 65  # of 71 measured ones six are control

@@ -74,21 +74,6 @@ def test_layers_in_any_crs_give_the_same_points(tmp_path: Path, extension: str, 
     assert tables.warnings == ()
 
 
-def test_csv_and_projected_csv_agree(tmp_path: Path) -> None:
-    rows = [
-        f"{i};{lon!r};{lat!r};{h!r}".replace(".", ",") for i, (lon, lat, h) in zip(IDS, GROUND.tolist(), strict=True)
-    ]
-    geographic = write_text(tmp_path / "g.csv", "id;Lon;LAT;Height\n" + "\n".join(rows) + "\n", "utf-8-sig")
-    en = in_crs("EPSG:28355")
-    rows = [f"{i}\t{x!r}\t{y!r}\t{h!r}" for i, (x, y, h) in zip(IDS, en.tolist(), strict=True)]
-    projected = write_text(tmp_path / "p.tsv", "id\teasting\tnorthing\tz\n" + "\n".join(rows), "utf-16")
-    for tables in (read_points(geographic), read_points(projected, ground_crs="EPSG:28355")):
-        assert tables.ground.ids.tolist() == IDS
-        assert_ground(tables.ground.ground)
-        assert len(tables.warnings) == 1
-        assert "used as ellipsoidal" in tables.warnings[0]
-
-
 def test_height_field_of_a_2d_layer(tmp_path: Path) -> None:
     fields = {
         "id": IDS,

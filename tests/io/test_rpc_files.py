@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rasterio
 from osgeo import gdal
 from rpc_samples import ground_grid, sample_rpc, write_image
 from simulated_blocks import oblique_rpc
@@ -24,7 +23,7 @@ from hrsi.hrsi_engine.io.rpc_files import (
     xml_formats,
 )
 from hrsi.hrsi_engine.io.rpc_files.crop import apply_ichipb
-from hrsi.hrsi_engine.io.rpc_files.fields import GDAL_NAMES, POLYNOMIALS, SCALARS, gdal_metadata, rpc_from_entries
+from hrsi.hrsi_engine.io.rpc_files.fields import GDAL_NAMES, SCALARS, gdal_metadata, rpc_from_entries
 
 PHR = "PHR1B_P_201709281038393_SEN_PRG_FC_178609-001"
 SKYSAT = "20191015_073816_ssc1d3_0011_basic_l1a_panchromatic_dn_RPC.TXT"
@@ -84,21 +83,6 @@ def test_a_side_file_that_gdal_does_not_read_is_told(driver: str, name: str, is_
     write_rpc_text(str(tmp_path / "x_RPC.TXT"), sample_rpc())
     assert bool(gdal.Open(str(tmp_path / name)).GetMetadata("RPC")) is is_read
     assert ("which GDAL does not read" in read_rpc(str(tmp_path / name)).source) is not is_read
-
-
-@pytest.mark.parametrize(
-    "file", ["s2p_triplet_phr/img_01.tif", "qb2_gcp/qb2_basic1b.tif", f"formats/geotiff_tag/{PHR}.tif",
-             "formats/nitf_rpc00b/wv3_20.NTF"],
-)  # fmt: skip
-def test_agrees_with_rasterio(file: str, real_data: Path) -> None:
-    rpc = read_rpc(str(real_data / file)).rpc
-    with rasterio.open(real_data / file) as image:
-        theirs = image.rpcs
-    assert rpc.err_bias == (theirs.err_bias if theirs.err_bias and theirs.err_bias > 0 else None)
-    for name in SCALARS:
-        assert getattr(rpc, name) == pytest.approx(getattr(theirs, name), rel=1e-14)
-    for name in POLYNOMIALS:
-        np.testing.assert_allclose(getattr(rpc, name), getattr(theirs, f"{name}_coeff"), rtol=1e-13)
 
 
 def test_three_formats_of_one_scene_agree(real_data: Path) -> None:
