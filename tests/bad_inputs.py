@@ -28,10 +28,10 @@ from every_algorithm import (
     REFERENCE,
     RPC_FILE,
     inputs_of,
-    osr_of,
     sound_options,
     words_of,
 )
+from gdal_files import spatial_reference
 from osgeo import gdal
 
 from hrsi.hrsi_engine.io.rasters.images import open_image
@@ -120,7 +120,7 @@ def changed_raster(values: float | None = None, crs: int = 0, east: float = 0.0,
         if rpc:
             dataset.SetMetadata(rpc, "RPC")
         if dataset.GetProjection():
-            dataset.SetProjection(osr_of(crs or 4979).ExportToWkt())
+            dataset.SetProjection(spatial_reference(f"EPSG:{crs or 4979}").ExportToWkt())
         if east:
             place = dataset.GetGeoTransform()
             dataset.SetGeoTransform((place[0] + east, *place[1:]))
