@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.optimize
-from long_tests import mark_beyond
 from osgeo import gdal
 from real_control import quickbird, rmse_2d
 
@@ -86,18 +85,6 @@ def test_a_blunder_is_named_and_left_out(orthority, tmp_path):
     assert report["image_models"]["qb2_basic1b"]["left_out"] == [name]
     assert any(name in warning and "left out" in warning for warning in report["warnings"])
     assert report["sigma0"] < 1.0
-
-
-@pytest.mark.parametrize(
-    "model", mark_beyond(2, "thorough", ["bils", "object-affine", "generic-affine", "quadratic", "ground-linear"])
-)
-def test_written_rpcs_reproduce_their_model(hobart, tmp_path, model):
-    images = hobart["images"][:1]
-    report = run("refine-rpc", **hobart | {"images": images, "image_points": only_first(hobart, tmp_path)}, model=model,
-                 output_dir=str(tmp_path / "result"))  # fmt: skip
-    entry = report["images"]["hobart_ikonos_1"]
-    assert entry["rpc_fit_max_px"] <= 0.01
-    assert np.isfinite(entry["rmse_sample_px"])
 
 
 def only_first(hobart: dict, folder: Path) -> str:
