@@ -49,18 +49,17 @@ def test_local_frame_agrees_with_projs_topocentric() -> None:
     np.testing.assert_allclose(frame.from_ground(frame.to_ground(local)), local, atol=METRE_TOLERANCE, rtol=0)
 
 
-def test_metres_per_degree_are_the_geodesics() -> None:
+def test_metres_per_degree_are_those_of_small_steps_at_any_height() -> None:
     ground = random_ground(50)
     ground[:, 1] *= 0.8
-    ground[:, 2] = 0.0
     factors = geodesy.metres_per_degree(ground)
-    geod = pyproj.Geod(ellps="WGS84")
+    proj = pyproj.Transformer.from_crs(4979, 4978, always_xy=True)
     step = 1e-4
     for axis in (0, 1):
         moved = ground.copy()
         moved[:, axis] += step
-        _, _, distance = geod.inv(ground[:, 0], ground[:, 1], moved[:, 0], moved[:, 1])
-        np.testing.assert_allclose(factors[:, axis] * step, distance, rtol=1e-5)
+        here, there = (np.column_stack(proj.transform(*points.T)) for points in (ground, moved))
+        np.testing.assert_allclose(factors[:, axis] * step, np.linalg.norm(there - here, axis=1), rtol=1e-5)
 
 
 @given(lon=st.floats(-1000, 1000))
