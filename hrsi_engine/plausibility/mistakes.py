@@ -18,6 +18,7 @@ from pyproj.enums import PJType
 
 from ..block.block import Image
 from ..camera.rpc import RPC
+from ..camera.rpc_terms import EVALUATION
 from ..foundation.errors import InputError
 from ..ground.crs_operations import operations_of
 from ..ground.geodesy import metres_per_degree, wrap_degrees
@@ -243,9 +244,23 @@ def _iterate_height_mistakes(control: ControlMeasurements, shift_m: np.ndarray) 
         message = f"{heights} are ellipsoidal but were converted as heights above the geoid ({middle:+.1f} m)"
         yield Mistake("height-datum", message, f"{advice} ellipsoidal"), ground - up
     lift, _ = estimate_common_lift(control, shift_m)
+    if _leaves_height_range(control, lift):
+        return
     message = f"{heights} are {abs(lift):.0f} m too {'high' if lift > 0.0 else 'low'}"
     advice = "check height datum and unit"
     yield Mistake("height-offset", message, advice, 8.0), ground - [0.0, 0.0, lift]
+
+
+def _leaves_height_range(control: ControlMeasurements, lift_m: float) -> bool:
+    """Return whether heights within the RPCs' height range would leave it with a lift removed.
+
+    The maker of an RPC knows the heights of its ground. One image moved under its RPC, such as a crop, looks like a
+    lift of kilometres.
+    """
+    rpcs = [control.block.images[index].rpc for index in control.image]
+    middle, half = (np.array([getattr(rpc, name) for rpc in rpcs]) for name in ("height_off", "height_scale"))
+    before, after = (np.median(np.abs(control.ground[:, 2] - move - middle) / half) for move in (0.0, lift_m))
+    return bool(before < EVALUATION.domain_margin < after)
 
 
 def estimate_common_lift(control: ControlMeasurements, shift_m: np.ndarray) -> tuple[float, float]:

@@ -258,6 +258,37 @@ def test_ground_crs_tells_the_datum_of_geographic_csv(tmp_path: Path) -> None:
     assert read_points(path, ground_crs="EPSG:4979").warnings == ()
 
 
+@pytest.mark.parametrize("adjusted", [False, True])
+def test_heights_of_own_layers_are_ellipsoidal_in_every_run(tmp_path: Path, adjusted: bool) -> None:
+    """The chain of a project hands its datum, that of the survey, on with the adjusted points."""
+    text = "id,lon,lat,height,survey_lon,survey_lat,survey_height\nA,5,44,100,5.1,44.1,110\n"
+    path = write_text(tmp_path / "p.csv", text)
+    ground = read_points(path, height_datum="egm96", adjusted=adjusted).ground.ground
+    assert ground.tolist() == [[5.0, 44.0, 100.0] if adjusted else [5.1, 44.1, 110.0]]
+
+
+def test_a_spreadsheet_of_unknown_columns_is_told_its_columns(tmp_path: Path) -> None:
+    path = str(tmp_path / "p.xlsx")
+    dataset = ogr.GetDriverByName("XLSX").CreateDataSource(path)
+    layer = dataset.CreateLayer("Blatt1")
+    for name in ("Punktnr", "Rechts", "Hoch"):
+        layer.CreateField(ogr.FieldDefn(name, ogr.OFTReal))
+    feature = ogr.Feature(layer.GetLayerDefn())
+    feature.SetField(0, 1.0)
+    layer.CreateFeature(feature)
+    del feature, layer, dataset
+    with pytest.raises(InputError, match=r"its fields are Punktnr, Rechts, Hoch: .*columns=id=NAME"):
+        read_points(path)
+
+
+def test_waypoints_of_a_gps_receiver(tmp_path: Path) -> None:
+    """The one layer of a GPX file that is not empty is meant; ``ele`` is its height."""
+    point = '<wpt lat="44.5" lon="5.25"><ele>210.5</ele><name>A1</name></wpt>'
+    text = f'<?xml version="1.0"?><gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1">{point}</gpx>'
+    ground = read_points(write_text(tmp_path / "p.gpx", text)).ground
+    assert ground.ids.tolist() == ["A1"] and ground.ground.tolist() == [[5.25, 44.5, 210.5]]
+
+
 def test_images_are_found_whatever_the_case_of_their_names(tmp_path: Path) -> None:
     """As on Windows; where two images differ in nothing else, names are taken as they stand."""
     text = "id,image,sample,line\n" + "".join(f"P{k},{name},1,2\n" for k, name in enumerate(NAMES_IN_CAPITALS))
@@ -279,7 +310,7 @@ DAMAGED = [
     ("id,lon,lat,height\nA,5,44,nan\n", r"line 2 \(id 'A'\): has no height"),
     ("id,lon,lat,height\nA,5,,1\n", "has no position"),
     ("id,lon,lat,height\n ,5,44,1\n", "line 2: field 'id' is empty"),
-    ("id,lon,lat,height\nA,5,44,1\n\nB,5,44,1\nA,5,44,1\n", r"line 5 \(id 'A'\): occurs in line 2 already"),
+    ("id,lon,lat,height\nA,5,44,1\n\nB,5,44,1\nA,5,44,1.5\n", r"line 5 \(id 'A'\): occurs in line 2 already"),
     ("id,lon,lat,height\nA,-42.8,147.2,1\n", "latitude and longitude look swapped"),
     ("id,lon,lat,height\nA,519653,5259759,1\n", "no degrees"),
     ("id,lon,lat\nA,5,44\n", "has no height"),

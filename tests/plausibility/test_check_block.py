@@ -311,6 +311,17 @@ def test_points_of_a_crop_tell_its_origin():
     assert worst.code == "control-implausible" and "px in line on" in worst.message
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_crop_of_a_single_image_is_no_error_of_heights(sign: float):
+    """Along its rays, an image moved under its RPC looks like heights kilometres off, where its RPC has no ground."""
+    given = block(count=1, ties=0, checks=0)
+    image = given.images[0]
+    along = np.diff(image.rpc.project(given.points.ground[:1] + [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), axis=0)
+    moved = with_xy(given, given.measurements.xy + sign * 2500.0 * along + [0.0, 3.0])
+    (reason,) = [one for one in check_block(moved) if one.level is Level.UNUSABLE]
+    assert reason.code == "control-implausible" and "a crop and its scene have different RPCs" in reason.advice
+
+
 def test_a_crop_of_one_image_is_no_slip_of_its_coordinates():
     """Ties of a crop whose origin was lost miss the others' rays alike; an image left to right does not."""
     right = block(gcps=0, checks=0)

@@ -56,18 +56,19 @@ class PointTables:
 
 def interpret(table: PointTable, reference: Reference, image_ids: Sequence[str]) -> PointTables:
     """Return a table's ground points and image points; raise `InputError` with the row and the remedy."""
-    if not len(table):
-        raise InputError(f"{table.source}: contains no points: add some, or name another layer")
     measures, with_positions = bool(table.columns.keys() & {"sample", "line"}), has_positions(table)
     if not (measures or with_positions):
         raise InputError(
             f"{table.source}: has neither positions (point geometry, lon and lat, x and y) nor image coordinates "
-            f"(sample and line); its fields are {', '.join(table.field_names) or 'none'}: rename or add them"
+            f"(sample and line); its fields are {', '.join(table.field_names) or 'none'}: rename or add them, or name "
+            "those that are meant: FILE|columns=id=NAME,x=NAME,y=NAME,height=NAME"
         )
+    if not len(table):
+        raise InputError(f"{table.source}: contains no points: add some, or name another layer")
     require_field(table, "id")
     table.refuse(table.columns["id"] == "", "field 'id' is empty: fill it in")
     image = _image_points(table, with_positions, image_ids) if measures else None
-    ground, warnings = _ground_points(table, measures, reference) if with_positions else (None, [])
+    ground, warnings = _ground_points(table, reference) if with_positions else (None, [])
     return PointTables(ground, image, (*table.notes, *warnings), table.pairwise)
 
 
@@ -162,8 +163,8 @@ def _product_name(name: str) -> str:
     return re.sub(r"^(dim|img|rpc)_|_r1c1$", "", name.casefold())
 
 
-def _ground_points(table: PointTable, measures: bool, reference: Reference) -> tuple[GroundPoints | None, list[str]]:
-    """Return one ground point for each id with a position. An id may be repeated only if the rows are measurements."""
+def _ground_points(table: PointTable, reference: Reference) -> tuple[GroundPoints | None, list[str]]:
+    """Return one ground point for each id with a position; raise `InputError` for an id with two positions."""
     placed = ground_positions(table, reference)
     ground, warnings = placed.ground, placed.warnings
     require_heights(ground[:, 2], table.name_row)
@@ -182,16 +183,14 @@ def _ground_points(table: PointTable, measures: bool, reference: Reference) -> t
     ids, first, inverse = np.unique(table.columns["id"][rows], return_index=True, return_inverse=True)
     distinct = rows[first]
     if len(ids) < len(rows):
-        # An id may occur more than once only in a table of measurements, with one position
+        # An id may occur more than once, as in a table of measurements, with one position
         previous = distinct[inverse]
-        is_repeated = are_apart(ground[rows], ground[previous]) if measures else rows != previous
-        if is_repeated.any():
-            position = np.flatnonzero(is_repeated)[0]
-            repetition = "with another position" if measures else "a second time"
+        is_elsewhere = are_apart(ground[rows], ground[previous])
+        if is_elsewhere.any():
+            position = np.flatnonzero(is_elsewhere)[0]
             raise InputError(
                 f"{table.name_row(rows[position])}: occurs in {table.row_name(int(previous[position]))} already, "
-                f"here {repetition}: keep "
-                "one, or rename it"
+                "here with another position: keep one, or rename it"
             )
     if not len(ids):
         return None, warnings

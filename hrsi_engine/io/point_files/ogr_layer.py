@@ -71,6 +71,9 @@ def _choose_layer(path: str, dataset: gdal.Dataset, layer_name: str) -> ogr.Laye
         omitted = ("layer_styles", "qgis_projects", *(("rejected",) if len(layers) > 1 and not layer_name else ()))
         layers = [layer for layer in layers if layer.GetName() not in omitted]
         candidates = [layer for layer in layers if layer_name in ("", layer.GetName())]
+        if not layer_name and len(candidates) > 1:  # a GPX file has five layers, most of them empty
+            candidates = [layer for layer in candidates if layer.GetFeatureCount()] or candidates
+            layers = candidates
     if len(candidates) == 1:
         return candidates[0]
     names = ", ".join(layer.GetName() for layer in layers) or "none"

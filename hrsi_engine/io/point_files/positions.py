@@ -4,7 +4,7 @@ A height datum is never assumed without a message: ``layer`` uses that of the CR
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyproj
@@ -72,7 +72,10 @@ def ground_positions(table: PointTable, reference: Reference) -> Positions:
     Raises `InputError` for a missing CRS, missing heights, swapped or impossible coordinates.
     """
     operation = np.full(len(table), -1)
-    if table.columns.keys() >= set(SURVEYED) and not reference.adjusted:
+    if is_own := table.columns.keys() >= set(SURVEYED):
+        # Heights of HRSI's own layers are ellipsoidal, also where the user's points, of the same run, are not
+        reference = replace(reference, height_datum="ellipsoidal")
+    if is_own and not reference.adjusted:
         lon, lat, height = (table.columns[name] for name in SURVEYED)
         return Positions(np.column_stack([wrap_degrees(lon), lat, height]), [], operation)
     xyz, crs, warnings = _read_positions(table, reference)

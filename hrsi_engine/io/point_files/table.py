@@ -95,7 +95,7 @@ NUMBER_FIELDS: dict[str, tuple[str, ...]] = {
     "lat": ("lat", "latitude"),
     "x": ("x", "easting", "east"),
     "y": ("y", "northing", "north"),
-    "height": ("height", "h", "z", "elev", "elevation", "altitude", "h_mean", "h_li"),
+    "height": ("height", "h", "z", "elev", "elevation", "altitude", "ele", "h_mean", "h_li"),
     "sigma_h": ("sigma_h", "sigma_z", "h_sigma", "h_li_sigma"),
     "sigma_east": ("sigma_east", "sigma_e", "sigma_x"),
     "sigma_north": ("sigma_north", "sigma_n", "sigma_y"),
