@@ -1,6 +1,7 @@
 """`init`: understands the files of a folder, writes a project file, and checks its steps as a run would."""
 
 import os
+import shlex
 
 from ..hrsi_engine.foundation.errors import InputError
 from ..hrsi_engine.foundation.progress import advance
@@ -67,4 +68,4 @@ def summarise(report: Report) -> str:
         return "\n".join([*lines, f"question: {report['question']}"])
     verdict = report["verdict"]
     lines.append(f"checks: {verdict['sentence']}. Verdict of the checks: {verdict['level']}")
-    return "\n".join(lines if "unsolved" in report else [*lines, f"next: hrsi run {report['project']}"])
+    return "\n".join(lines if "unsolved" in report else [*lines, f"next: hrsi run {shlex.quote(report['project'])}"])

@@ -18,11 +18,14 @@ from ...hrsi_engine.block.columns import NameColumn
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
 from ...hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES, threshold, thresholds
 from ...hrsi_engine.ground.geodesy import ground_difference_m
+from ...hrsi_engine.io.geopackage.layer_tables import layer_names, text_columns
 from ...hrsi_engine.io.point_files import PointTables
 from ...hrsi_engine.io.point_files.csv_text import count_header_rows, parse_field, read_lines, split_rows
+from ...hrsi_engine.io.point_files.find import read_table
 from ...hrsi_engine.io.point_files.interpret import matching_names
 from ...hrsi_engine.io.point_files.table import match_fields
 
+SPREADSHEETS = (".xlsx", ".ods")
 UNUSED = "-"  #: name of a column that is not read
 POSITION_NAMES = (("lon", "lat"), ("lat", "lon"), ("x", "y"), ("y", "x"))  #: meanings of two neighbouring columns
 LINE_NAMES = re.compile(r"line|lig|row|zeile|y|fila|reng", re.IGNORECASE)
@@ -59,7 +62,12 @@ class TextTable:
 
 
 def read_text_table(path: str) -> TextTable | None:
-    """Return the first rows of a text; None if it has no rows of equal length."""
+    """Return the first rows of a text, or of the one sheet of a spreadsheet; None if it has no rows of equal length."""
+    if path.lower().endswith(SPREADSHEETS):
+        sheets = [name for name, rows in layer_names(path).items() if rows]
+        names = read_table(path).field_names if len(sheets) == 1 else ()
+        columns = tuple(map(tuple, text_columns(path, sheets[0], names).values())) if len(names) > 2 else ()
+        return _make_text_table(names, list(zip(*columns, strict=True)), ",") if columns else None
     lines = read_lines(path, SAMPLES.large)
     if len(lines) > 1 and lines[0].isdigit():  # the number of points
         lines = lines[1:]
@@ -69,8 +77,19 @@ def read_text_table(path: str) -> TextTable | None:
     rows = rows[titles:]
     if len(names) < 3 or not rows or any(len(row) != len(names) for row in rows):
         return None
+    return _make_text_table(names, rows, separator)
+
+
+def _make_text_table(names: tuple[str, ...], rows: Sequence[Sequence[str]], separator: str) -> TextTable:
     numbers = [[np.nan if (value := parse_field(text, separator)) is None else value for text in row] for row in rows]
     return TextTable(names, tuple(zip(*rows, strict=True)), np.array(numbers))
+
+
+def name_columns(path: str, table: TextTable, roles: Sequence[str]) -> str:
+    """Return the text that reads a file with its columns named by their roles; columns of spreadsheets have names."""
+    if path.lower().endswith(SPREADSHEETS):
+        roles = [f"{role}={name}" for role, name in zip(roles, table.names, strict=True) if role != UNUSED]
+    return f"{path}|columns={','.join(roles)}"
 
 
 # ---- ground positions -----------------------------------------------------------------------------------------------

@@ -30,7 +30,10 @@ CONTROL_WORDS = re.compile(r"(?<![a-z])(control|ctrl|gcp|pass)", re.IGNORECASE)
 ROLE_FIELD = re.compile(r"role|type|kind|class|use|usage|status|art|typ", re.IGNORECASE)
 #: Words of fields of vector layers that are ids and heights.
 ID_FIELD = re.compile(r"id|nr|no|num|name|nom|punkt|point|pt|mat", re.IGNORECASE)
-HEIGHT_FIELD = re.compile(r"^(h|z|alt|elev|höhe|hoehe|cota|quota|haut)|[_ ](h|z|alt|elev)$", re.IGNORECASE)
+HEIGHT_FIELD = re.compile(
+    r"^(?!.*(sigma|std|err|acc|rms)).*(height|h(ö|oe)he|(?<![a-z])((h|z|hgt|h?_?ell)(?![a-z])|alt|ele|cota|quota|haut))",
+    re.IGNORECASE,
+)
 #: Words of files and fields that state a height datum, and the value of the option.
 DATUM_WORDS = (
     ("egm2008", r"egm_?(20)?08"),
@@ -119,7 +122,9 @@ def _place_ids(sources: Sequence[PointSource]) -> dict[str, np.ndarray]:
 
 
 def _find_fault(path: str, region: np.ndarray, crs_names: Sequence[str]) -> str:
-    """Return why a text with the fields of points cannot be read; empty for other files, and for other places."""
+    """Return why a file with the fields of points cannot be read; empty for other files, and for other places."""
+    if _has_exchanged_degrees(path, region):
+        return "longitude and latitude are exchanged: exchange them in the file"
     table = column_roles.read_text_table(path) if _is_text(path) else None
     fields = match_fields(table.names) if table is not None else dict[str, int]()
     if table is None or "id" not in fields or not any(names <= fields.keys() for names in POINT_FIELDS):
@@ -137,6 +142,22 @@ def _find_fault(path: str, region: np.ndarray, crs_names: Sequence[str]) -> str:
         else:
             return ""
     return faults[0]
+
+
+def _has_exchanged_degrees(path: str, region: np.ndarray) -> bool:
+    """Return whether the points of a file lie near the images with longitude and latitude exchanged."""
+    try:
+        table = read_table(path)
+    except HrsiError:
+        return False
+    if table.geometry is not None:
+        lonlat = table.geometry[:, :2]
+    elif {"lon", "lat"} <= table.columns.keys():
+        lonlat = np.column_stack([table.columns["lon"], table.columns["lat"]])
+    else:
+        return False
+    lonlat = lonlat[np.isfinite(lonlat).all(axis=1)]
+    return len(lonlat) > 0 and share_near(lonlat[:, ::-1], region) >= EQUALITY.majority
 
 
 def _read_source(
@@ -217,7 +238,8 @@ def _is_plausible(tables: PointTables, images: Mapping[str, Image], region: np.n
 def _make_source(path: str, spec: str, tables: PointTables, crs: str) -> PointSource:
     """Return a file's points as read, with the height datum that its name states and notes on how it was read."""
     told = " ".join(tables.warnings)
-    datum = state_datum(os.path.basename(path)) if HEIGHT_UNKNOWN in told else ""
+    names = os.path.basename(path), spec.partition("|columns=")[2]
+    datum = state_datum(*names) if HEIGHT_UNKNOWN in told else ""
     notes = [note.partition(": ")[2] for note in tables.warnings if ": read as the columns" in note]
     notes += [f"columns {spec.partition('|columns=')[2]}"] if "|columns=" in spec and not notes else []
     notes += [f"CRS {crs} ({pyproj.CRS(crs).name}) by the place of the images"] if crs else []
@@ -290,16 +312,17 @@ def _read_image_columns(path: str, images: Mapping[str, Image], known: Mapping[s
             return PointSource(path, [f"{path}|image={image}"], measured=[tables.image], notes=[f"image {image}"])
     table = None
     with suppress(InputError):
-        table = column_roles.read_text_table(path) if _is_text(path) else None
+        is_table = _is_text(path) or path.lower().endswith(column_roles.SPREADSHEETS)
+        table = column_roles.read_text_table(path) if is_table else None
     if table is None:
         return None
-    if names := column_roles.find_measurement_columns(table, images, known):
-        spec = f"{path}|columns={','.join(names)}"
+    if roles := column_roles.find_measurement_columns(table, images, known):
+        spec = column_roles.name_columns(path, table, roles)
         tables = _try(spec, images, "")
         return None if tables is None else _make_source(path, spec, tables, "")
     source = PointSource(path, [])
     for one in column_roles.find_image_columns(table, stem, images, known):
-        spec = f"{path}|columns={','.join(one.roles(table))}|image={one.image}"
+        spec = f"{column_roles.name_columns(path, table, one.roles(table))}|image={one.image}"
         tables = _try(spec, images, "")
         if tables is None or tables.image is None:
             return None

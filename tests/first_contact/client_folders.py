@@ -245,6 +245,43 @@ def spreadsheet(source: folders.Source, folder: Path) -> None:
     (folder / "gcps.csv").unlink()
 
 
+def spreadsheets_only(source: folders.Source, folder: Path) -> None:
+    """GCPs and measurements are spreadsheets, with a row for each point; the name of the heights is a compound."""
+    folders.copy(source, folder, gcps=False)
+    folders.write_csv(folder / "gcps.csv", source.ground, ["id", "lon", "lat", "height"],
+              header=["name", "longitude", "latitude", "Ellipsoidhöhe"])  # fmt: skip
+    folders.write_matrix(source, folder / "mesures.csv")
+    for name, driver in (("gcps", "XLSX"), ("mesures", "ODS")):
+        table = gdal.OpenEx(str(folder / f"{name}.csv"), open_options=["AUTODETECT_TYPE=YES"])
+        gdal.VectorTranslate(str(folder / f"{name}.{driver.lower()}"), table, format=driver)
+        (folder / f"{name}.csv").unlink()
+
+
+def gps_waypoints(source: folders.Source, folder: Path) -> None:
+    """The GCPs are waypoints of a receiver: a GPX file of five layers, four of them empty."""
+    folders.copy(source, folder)
+    (folder / "gcps.csv").unlink()
+    points = [f'<wpt lat="{row["lat"]}" lon="{row["lon"]}"><ele>{row["height"]}</ele><name>{row["id"]}</name></wpt>'
+              for row in source.ground]  # fmt: skip
+    head = '<gpx version="1.1" creator="receiver" xmlns="http://www.topografix.com/GPX/1/1">'
+    (folder / "waypoints.gpx").write_text(f'<?xml version="1.0"?>{head}{"".join(points)}</gpx>')
+
+
+def orthometric_control_without_dem(source: folders.Source, folder: Path) -> None:
+    """Heights above the geoid, as the header says, and no DEM: orthoimages take the heights of the adjusted points."""
+    folders.copy(source, folder, dem=False)
+    above = folders.undulation(source)
+    rows = [{**row, "height": f"{float(row['height']) - above:.3f}"} for row in source.ground]
+    folders.write_csv(folder / "gcps.csv", rows, ["id", "lon", "lat", "height"], header=["id", "lon", "lat", "H egm96"])
+
+
+def swapped_geojson(source: folders.Source, folder: Path) -> None:
+    folders.copy(source, folder)
+    (folder / "gcps.csv").unlink()
+    rows = [{**row, "lon": row["lat"], "lat": row["lon"]} for row in source.ground]
+    folders.write_vector(folder / "gcps.geojson", rows, "GeoJSON")
+
+
 def foreign_fields(source: folders.Source, folder: Path) -> None:
     """A Shapefile of points without .prj, with other names of fields, in the national grid."""
     folders.copy(source, folder, gcps=False)
@@ -461,6 +498,7 @@ MISTAKES: dict[Callable[[folders.Source, Path], None], tuple[str, str]] = {
     repeated_id: ("gcps.csv, line 20 (id 'C000001'): occurs in line 2 already", "keep one, or rename it"),
     damaged_number: ("field 'line', line 2: '12O.5' is not a number", "correct it"),
     heights_in_feet: ("are in feet", "give heights in metres"),
+    swapped_geojson: ("longitude and latitude are exchanged", "exchange"),
 }
 
 CLIENT_FOLDERS: tuple[Callable[[folders.Source, Path], None], ...] = (
@@ -470,5 +508,5 @@ CLIENT_FOLDERS: tuple[Callable[[folders.Source, Path], None], ...] = (
     one_file_of_everything, spreadsheet, foreign_fields, kml_placemarks, georeferencer_with_crs, nitf, mixed_sensors,
     orthoimage_with_rpc_left, ascii_dem_without_crs, points_not_measured, two_surveys, holes_and_zeros,
     csv_per_image_with_pixels, text_per_image_with_pixels, geojson_per_image_with_pixels, heights_of_zero,
-    images_by_number, png_with_rpc_file,
+    images_by_number, png_with_rpc_file, spreadsheets_only, gps_waypoints, orthometric_control_without_dem,
 )  # fmt: skip

@@ -32,6 +32,7 @@ class Contact:
     steps: dict[str, str] | None = None
     roles: dict[str, str] | None = None
     error_px: float = np.nan
+    misregistration_px: float = 0.0
     seconds: float = 0.0
     text: str = ""
 
@@ -44,6 +45,8 @@ class Contact:
         failed = [step for step, status in (self.steps or {}).items() if status == "failed"]
         if failed and (self.verdict == "ok" or self.codes[-1] == 0):
             found.append(f"{failed[0]} failed, and that is no failure")
+        if self.verdict == "ok" and self.misregistration_px > 1.0:
+            found.append(f"orthoimages {self.misregistration_px:.1f} px apart, and the verdict is ok")
         return found
 
     def line(self) -> str:
@@ -81,6 +84,9 @@ def meet(name: str, folder: Path, answer: str = "ellipsoidal", run: bool = True)
         told = json.loads(report.read_text())
         met.verdict = told["verdict"]["level"]
         met.steps = {step: entry["status"] for step, entry in told["steps"].items()}
+        if met.steps.get("ortho-check") == "done":
+            check = json.loads((folder / "result" / "check" / "report.json").read_text())
+            met.misregistration_px = check["all"]["after"]["median_px"]
     return met
 
 

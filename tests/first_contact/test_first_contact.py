@@ -67,6 +67,8 @@ ROLES |= {
     "foreign_fields": {"points.shp": "GCPs: 18 ground points; columns id=MATRICULE,height=ALT_M; CRS EPSG:2154",
                        **MEASURED},
     "spreadsheet": {"gcps.xlsx": "GCPs: 18", **MEASURED},
+    "spreadsheets_only": {"gcps.xlsx": "GCPs: 18", "mesures.ods": "image measurements: 54"},
+    "gps_waypoints": {"waypoints.gpx": "GCPs: 18", **MEASURED},
     "kml_placemarks": {"gcps.kml": "GCPs: 18", **MEASURED},
     "dem_tiles": {"dtm_0_0.tif": "DEM: 54 x 54", **MEASURED},
     "dem_tiles_in_vrt": {"dtm.vrt": "DEM: 108 x 108", "tiles/dtm_0_1.tif": "part of dtm.vrt", **MEASURED},
