@@ -9,6 +9,8 @@ from ..hrsi_engine.foundation.errors import InputError, list_ids
 from ..hrsi_engine.ground.operation_uses import list_operation_warnings, require_strict_datums
 from ..hrsi_engine.io.geopackage.declared_layers import ProjectedPointRows
 from ..hrsi_engine.io.point_files import read_points
+from ..hrsi_engine.io.point_files.positions import Reference, ground_positions
+from ..hrsi_engine.io.point_files.table import PointTable
 from ..hrsi_engine.refinement.refine import require_axes_in_order
 from ..hrsi_engine.surface.dem import surface_heights
 from .declarations.rpcs import POINTS_FILE, ProjectOptions
@@ -25,6 +27,7 @@ from .interface.declare import Context, Report
 
 PROJECTED_LINE = "lon lat height"
 PROJECTED_KEYS = ("id", "image", "sample", "line")  #: of the points in a report
+LAYER, ELLIPSOIDAL = "layer", "ellipsoidal"
 
 
 def run(options: ProjectOptions, context: Context) -> Report:
@@ -41,15 +44,14 @@ def run(options: ProjectOptions, context: Context) -> Report:
         points, warnings = tables.ground, [*tables.warnings, *list_operation_warnings(tables.ground.operations)]
         require_strict_datums(points.operations, options.terrain.strict_datum)
     else:
-        given, rest = parse_lines(standard_input(PROJECTED_LINE), PROJECTED_LINE.split())
-        missing = np.flatnonzero(np.isnan(given[:, 2]))
-        if missing.size and surface is None:
-            raise InputError(f"point {missing[0] + 1} has no height: add it to the line, or give `dem` or `height`")
-        if missing.size and surface is not None:
-            given[missing, 2] = surface_heights(surface, given[missing, :2])
-        points = GroundPoints(np.array(rest, dtype=str), given)  # the text after the coordinates is the id
-        lost = np.count_nonzero(np.isnan(given[:, 2]))
-        warnings = [f"the DEM has no height for {lost} points"] if lost else []
+        points, warnings = _place_lines(*parse_lines(standard_input(PROJECTED_LINE), PROJECTED_LINE.split()), options)
+        lost = np.flatnonzero(np.isnan(points.ground[:, 2]))
+        if lost.size and surface is None:
+            raise InputError(f"point {lost[0] + 1} has no height: add it to the line, or give `dem` or `height`")
+        if lost.size and surface is not None:
+            points.ground[lost, 2] = surface_heights(surface, points.ground[lost, :2])
+            count = np.count_nonzero(np.isnan(points.ground[:, 2]))
+            warnings += [f"the DEM has no height for {count} points"] if count else []
     ids, ground = points.ids, points.ground
     require_axes_in_order(images, ground, ids if options.points else None)
     if context.dry_run:
@@ -69,10 +71,9 @@ def run(options: ProjectOptions, context: Context) -> Report:
         lat=repeated[:, 1],
         height=repeated[:, 2],
     )
-    if options.points:
-        seen = set(rows.image[inside].tolist())
-        bare = [image.id for image in images if image.id not in seen]
-        warnings += [f"no point lies on {list_ids(bare)}: check the CRS and the columns of the points"] if bare else []
+    seen = set(rows.image[inside].tolist())
+    bare = [image.id for image in images if image.id not in seen] if len(ids) else []
+    warnings += [f"no point lies on {list_ids(bare)}: check the CRS and the columns of the points"] if bare else []
     tell(warnings, context)
     report: Report = {
         **context.record, "images": [image.id for image in images],
@@ -81,6 +82,19 @@ def run(options: ProjectOptions, context: Context) -> Report:
     }  # fmt: skip
     write_points(options.folder, report, POINTS_FILE, rows, PROJECTED_KEYS, context)
     return report
+
+
+def _place_lines(numbers: np.ndarray, rest: list[str], options: ProjectOptions) -> tuple[GroundPoints, list[str]]:
+    """Return the points of lines in WGS84; the text after the coordinates is the id, missing heights stay NaN."""
+    axes = ("x", "y", "height") if options.ground_crs else ("lon", "lat", "height")
+    given = dict(zip(axes, np.nan_to_num(numbers).T, strict=True))
+    table = PointTable("standard input", given, axes, lambda row: f"line {row + 1}")
+    datum = options.terrain.height_datum
+    datum = ELLIPSOIDAL if datum == LAYER and not options.ground_crs else datum
+    placed = ground_positions(table, Reference(options.ground_crs or "", datum))
+    ground = np.where(np.isnan(numbers), np.nan, placed.ground)
+    points = GroundPoints(np.array(rest, dtype=str), ground, operation=placed.operation, operations=placed.operations)
+    return points, [*placed.warnings, *list_operation_warnings(placed.operations)]
 
 
 def summarise(report: Report) -> str:

@@ -58,7 +58,7 @@ def weigh_hypotheses(
     if known.sum() < SAMPLES.plane or geoid is None:
         return DatumEvidence(None, "")
     difference = (ellipsoidal_m - unknown_m)[known]
-    spread = float(robust_sigma(difference)) / np.sqrt(known.sum())
+    spread = float(robust_sigma(difference - np.median(difference))) / np.sqrt(known.sum())
     sigma = float(np.hypot(np.hypot(sigma_m, spread), GROUND.canopy_m))
     middle = [float(np.median(difference)), float(np.median(difference - geoid[1]))]
     loss = 0.5 * np.square(middle) / sigma**2  # negative logarithms of the likelihoods of normal errors
