@@ -13,7 +13,7 @@ import pyproj
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role, are_apart
-from ...hrsi_engine.foundation.errors import HrsiError, InputError
+from ...hrsi_engine.foundation.errors import HrsiError, InputError, list_ids
 from ...hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES
 from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.ground.map_crs import list_local_crs
@@ -58,7 +58,7 @@ class PointSource:
     specs : texts for the options, several if each image has columns or a file of its own
     crs : CRS for a file that states none; datum : height datum, '' if its CRS states it, None if nothing states it
     ground, measured : points; notes : how the file was read, for the user
-    fault : why a file with the fields of points cannot be read
+    fault : why a file with the fields of points cannot be read; measures : whether its points are image points
     """
 
     path: str
@@ -70,6 +70,7 @@ class PointSource:
     notes: list[str] = field(default_factory=list)
     has_heights: bool = True
     fault: str = ""
+    measures: bool = False
 
     @property
     def name(self) -> str:
@@ -111,8 +112,13 @@ def read_sources(
     rest = [path for path in paths if path not in read]
     found += [one for path in rest if (one := _read_image_columns(path, images, known)) is not None]
     rest = sorted({*rest} - {one.path for one in found})
-    faults = {path: _find_fault(path, region, crs_names) for path in rest}
-    return [*found, *(PointSource(path, [path], fault=text) for path, text in faults.items() if text)]
+    surveyed = {name for one in found for name in one.ground_ids}
+    measured = {name for one in found for name in one.measured_ids}
+    for path in rest:
+        measures, surveys = _holds_ids(path, surveyed - measured), _holds_ids(path, measured - surveyed)
+        if fault := _find_fault(path, region, crs_names, images, measures or surveys):
+            found.append(PointSource(path, [path], fault=fault, measures=measures))
+    return found
 
 
 def _place_ids(sources: Sequence[PointSource]) -> dict[str, np.ndarray]:
@@ -121,27 +127,77 @@ def _place_ids(sources: Sequence[PointSource]) -> dict[str, np.ndarray]:
     return {str(name): xyz for table in tables for name, xyz in zip(table.ids, table.ground, strict=True)}
 
 
-def _find_fault(path: str, region: np.ndarray, crs_names: Sequence[str]) -> str:
-    """Return why a file with the fields of points cannot be read; empty for other files, and for other places."""
+def _holds_ids(path: str, ids: set[str]) -> bool:
+    """Return whether a text or vector file has most of some ids, in its first or its id column."""
+    if len(ids) < SAMPLES.plane:
+        return False
+    with suppress(HrsiError, OSError, UnicodeError):
+        if _is_text(path):
+            words = {
+                re.split(r"[,;\t ]", line.strip(), maxsplit=1)[0].strip('"')
+                for line in csv_text.read_lines(path, SAMPLES.large)
+            }
+        else:
+            words = {str(name) for name in read_table(path).columns.get("id", ())}
+        return len(words & ids) >= EQUALITY.majority * len(ids)
+    return False
+
+
+def _find_fault(
+    path: str, region: np.ndarray, crs_names: Sequence[str], images: Mapping[str, Image], is_needed: bool
+) -> str:
+    """Return why a file of points cannot be used; empty for other files, and for points of other places.
+
+    ``is_needed`` is whether it has ids that other files survey or measure: then it is one, whatever its columns.
+    """
     if _has_exchanged_degrees(path, region):
         return "longitude and latitude are exchanged: exchange them in the file"
     table = column_roles.read_text_table(path) if _is_text(path) else None
     fields = match_fields(table.names) if table is not None else dict[str, int]()
-    if table is None or "id" not in fields or not any(names <= fields.keys() for names in POINT_FIELDS):
+    has_degrees = {"lon", "lat"} <= fields.keys()
+    if is_needed and (fault := _find_fault_of_rows(path, table, fields, images)):
+        return fault
+    if not is_needed and ("id" not in fields or not any(names <= fields.keys() for names in POINT_FIELDS)):
         return ""
-    if has_degrees := {"lon", "lat"} <= fields.keys():
+    if table is not None and has_degrees and not is_needed:
         lonlat = table.numbers[:, [fields["lon"], fields["lat"]]]
         if share_near(lonlat[np.isfinite(lonlat).all(axis=1)], region) < EQUALITY.majority:
             return ""
     faults = []
-    for crs in ("",) if has_degrees else crs_names:
+    for crs in ("",) if has_degrees else ("", *crs_names) if table is None else crs_names or ("",):
         try:
-            read_points(path, ground_crs=crs or None)
+            ground = read_points(path, ground_crs=crs or None).ground
         except HrsiError as error:
             faults.append(str(error))
         else:
-            return ""
+            if not is_needed or ground is None:
+                return ""
+            lon, lat = np.median(ground.ground[:, :2], axis=0)
+            faults.append(
+                f"its points, near lon {lon:.4g}, lat {lat:.4g}, are not on the ground of the images: correct their "
+                "CRS or coordinates"
+            )
     return faults[0]
+
+
+def _find_fault_of_rows(
+    path: str, table: column_roles.TextTable | None, fields: Mapping[str, int], images: Mapping[str, Image]
+) -> str:
+    """Return what is wrong with the rows of a text of points or measurements; empty if they are equal and name images.
+
+    ``table`` is the text's, None if its rows are not of equal length; ``fields`` are its columns by their names.
+    """
+    if table is None and _is_text(path):
+        _, rows = csv_text.split_rows(csv_text.read_lines(path, SAMPLES.large))
+        odd = next((number for number, row in enumerate(rows) if len(row) != len(rows[0])), 0)
+        return f"row {odd + 1} has {len(rows[odd])} columns, and the first {len(rows[0])}: complete it" if odd else ""
+    if table is None or "image" not in fields:
+        return ""
+    names = sorted(set(table.columns[fields["image"]]))
+    is_here = any(match_image(name, list(images)) for name in names)
+    return (
+        "" if is_here else f"names the images {list_ids(names)}; those here are {list_ids(list(images))}: rename them"
+    )
 
 
 def _has_exchanged_degrees(path: str, region: np.ndarray) -> bool:
@@ -406,7 +462,7 @@ def decide_roles(sources: Sequence[PointSource]) -> PointRoles:
         found.roles[one.path] = (what, "; ".join([reason, *one.notes]))
     for one in (one for one in sources if one.fault):  # a run reports it
         found.roles[one.path] = ("points with an error", one.fault.removeprefix(f"{one.path}").lstrip(":, "))
-        found.options.setdefault("gcps", []).append(one.specs[0])
+        found.options.setdefault("image_points" if one.measures else "gcps", []).append(one.specs[0])
     for one in (one for one in sources if one.ground is None and not one.fault):
         shared = len(one.measured_ids & ids)
         (found.measured if shared else found.ties).append(one)

@@ -70,12 +70,12 @@ def understand(content: FolderContent, height_datum: str | None = None) -> Under
     measured = {name for one in content.sources for name in one.measured_ids}
     surveyed = {name for one in points.control for name in one.ground_ids}
     has_control = bool(surveyed & measured)
-    if surveyed and not has_control:
+    has_faults = any(one.fault for one in content.sources)  # which a run reports, as it does other ids
+    if surveyed and not has_control and not has_faults:
         made.decisions.append(
             f"{_names(points.control)}: not measured in an image: measure them in the panel HRSI Points, and name "
             "image_points"
         )
-    has_faults = any(one.fault for one in content.sources)  # which a run reports, as it does other ids
     if has_control or has_faults or (points.ties and all(one.has_heights for one in points.control)):
         made.shared |= {key: value for key, value in points.options.items() if key != "tie_points"}
     if has_control:
@@ -120,6 +120,9 @@ def _choose_dem(made: Understanding, needed: bool) -> HeightRaster | None:
 
 def _decide_datums(made: Understanding, points: PointRoles, dem: HeightRaster | None, answer: str | None) -> None:
     """Set `height_datum` and `dem_datum`, by what states them, by evidence, or by the question."""
+    made.decisions += [
+        f"{one.name}: heights {one.datum}, by the names of file and columns" for one in points.control if one.datum
+    ]
     open_points = [one for one in points.control if one.datum is None and one.has_heights]
     stated = [one.datum for one in points.control if one.datum]
     datums = {"height_datum": answer if open_points else stated[0] if stated else LAYER}

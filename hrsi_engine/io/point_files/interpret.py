@@ -134,8 +134,9 @@ def matching_names(written_names: NameColumn, image_ids: Sequence[str], prefixed
     ids = np.array(
         [_matching_id(name, block_ids, similar, prefixed) for name in written_names.names.tolist()], dtype=str
     )
-    if np.char.isdigit(ids).all():  # images named by numbers, each a word of one id
-        owners = [[image for image in image_ids if name in re.findall(r"\d+", image)] for name in ids.tolist()]
+    if np.char.isdecimal(ids).all():  # images named by numbers, each a word of one id
+        numbers = {image: set(map(int, re.findall(r"\d+", image))) for image in image_ids}
+        owners = [[image for image in image_ids if int(name) in numbers[image]] for name in ids.tolist()]
         ids = np.array([images[0] for images in owners], str) if all(len(images) == 1 for images in owners) else ids
     names, place = np.unique(ids, return_inverse=True)  # two names may be one image
     return NameColumn(names, place.astype(np.int32)[written_names.number])
