@@ -178,7 +178,7 @@ def find_measurement_columns(
     and with each other. None if no column names images, or no other one points.
     """
     columns = range(len(table.names))
-    places = {k: _place_images(table.columns[k], list(images)) for k in columns}
+    places = {k: place_images(table.columns[k], list(images)) for k in columns}
     image = next((k for k in columns if np.mean(places[k] >= 0) >= EQUALITY.majority), None)
     if image is None:
         return None
@@ -227,7 +227,7 @@ def _rate_pair(
     return float(np.mean(scatter)) if scatter else np.inf
 
 
-def _place_images(texts: Sequence[str], image_ids: Sequence[str]) -> np.ndarray:
+def place_images(texts: Sequence[str], image_ids: Sequence[str]) -> np.ndarray:
     """Return the place of the image that each text names in a list of ids, -1 for others."""
     unique, row = np.unique(texts, return_inverse=True)
     ids = matching_names(NameColumn(unique, np.arange(len(unique), dtype=np.int32)), image_ids)

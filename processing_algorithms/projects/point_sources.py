@@ -1,5 +1,6 @@
 """Point files of a folder: how each is read, and what its points are in the block: GCPs, check points, tie points."""
 
+import csv
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -188,16 +189,17 @@ def _find_fault_of_rows(
     ``table`` is the text's, None if its rows are not of equal length; ``fields`` are its columns by their names.
     """
     if table is None and _is_text(path):
-        _, rows = csv_text.split_rows(csv_text.read_lines(path, SAMPLES.large))
+        lines = csv_text.read_lines(path, SAMPLES.large)
+        separator, rows = csv_text.split_rows(lines)
+        rows = list(csv.reader(lines, delimiter=separator)) if separator else rows
         odd = next((number for number, row in enumerate(rows) if len(row) != len(rows[0])), 0)
         return f"row {odd + 1} has {len(rows[odd])} columns, and the first {len(rows[0])}: complete it" if odd else ""
     if table is None or "image" not in fields:
         return ""
     names = sorted(set(table.columns[fields["image"]]))
-    is_here = any(match_image(name, list(images)) for name in names)
-    return (
-        "" if is_here else f"names the images {list_ids(names)}; those here are {list_ids(list(images))}: rename them"
-    )
+    if (column_roles.place_images(names, list(images)) >= 0).any():
+        return ""
+    return f"names the images {list_ids(names)}; those here are {list_ids(list(images))}: rename them"
 
 
 def _has_exchanged_degrees(path: str, region: np.ndarray) -> bool:

@@ -282,6 +282,26 @@ def swapped_geojson(source: folders.Source, folder: Path) -> None:
     folders.write_vector(folder / "gcps.geojson", rows, "GeoJSON")
 
 
+def next_zone(source: folders.Source, folder: Path) -> None:
+    """Eastings and northings of the neighbouring zone, whose CRS the layer states wrongly."""
+    folders.copy(source, folder)
+    (folder / "gcps.csv").unlink()
+    rows = [{**row, "lon": str(float(row["lon"]) + 6.0)} for row in source.ground]
+    folders.write_vector(folder / "gcps.geojson", rows, "GeoJSON")
+
+
+def thousands(source: folders.Source, folder: Path) -> None:
+    folders.copy(source, folder)
+    text = (folder / "gcps.csv").read_text().replace(source.ground[0]["height"], '"1,234.5"')
+    (folder / "gcps.csv").write_text(text)
+
+
+def cut_row(source: folders.Source, folder: Path) -> None:
+    folders.copy(source, folder)
+    text = (folder / "measured.csv").read_text().rstrip()
+    (folder / "measured.csv").write_text(text[: text.rindex(",")])
+
+
 def foreign_fields(source: folders.Source, folder: Path) -> None:
     """A Shapefile of points without .prj, with other names of fields, in the national grid."""
     folders.copy(source, folder, gcps=False)
@@ -499,6 +519,9 @@ MISTAKES: dict[Callable[[folders.Source, Path], None], tuple[str, str]] = {
     damaged_number: ("field 'line', line 2: '12O.5' is not a number", "correct it"),
     heights_in_feet: ("are in feet", "give heights in metres"),
     swapped_geojson: ("longitude and latitude are exchanged", "exchange"),
+    next_zone: ("the UTM zone is 1 too far east", "correct the CRS"),
+    thousands: ("line 2: '1,234.5' is not a number", "correct it"),
+    cut_row: ("field 'line' is empty", "fill it in"),
 }
 
 CLIENT_FOLDERS: tuple[Callable[[folders.Source, Path], None], ...] = (

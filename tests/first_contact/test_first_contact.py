@@ -154,6 +154,16 @@ def test_a_mistake_is_named_by_init_and_by_run(layout, source: Source, tmp_path:
         assert words in of_run
 
 
+def test_measurements_of_other_images_are_named(source: Source, tmp_path: Path, capsys):
+    folder = lay_out(folders.as_simulated, source, tmp_path / "folder")
+    measured = folder / "measured.csv"
+    measured.write_text(measured.read_text().replace("image_", "scene_of_june_"))
+    assert main(["init", str(folder), "--height-datum", "ellipsoidal"]) == 2
+    shown = capsys.readouterr()
+    told = "names the images scene_of_june_1, scene_of_june_2, scene_of_june_3; those here are image_1, image_2"
+    assert told in shown.out + shown.err
+
+
 def test_a_question_is_not_asked_where_no_answer_helps(source: Source, tmp_path: Path, capsys):
     folder = lay_out(client_folders.heights_in_feet, source, tmp_path / "folder")
     assert main(["init", str(folder)]) == 2
