@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 
 import hrsi
@@ -56,6 +57,25 @@ def test_localize_then_project_as_filters(
     image = [line.split() for line in capsys.readouterr().out.splitlines()]
     # 15 digits of a longitude are 1e-13 degree
     np.testing.assert_allclose(np.array([r[:2] for r in image], float), [[100, 200], [5000.5, 6000.25]], atol=1e-7)
+
+
+def test_projected_lines_have_the_crs_and_the_datum_of_the_options(
+    scene: tuple[str, RPC], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Eastings, northings and heights above the geoid, made by PROJ of known points; an impossible latitude is none."""
+    path, rpc = scene
+    ground = np.array([[12.01, 48.02, 400.0], [12.02, 48.01, 650.0]])
+    to_map = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:32633+5773", always_xy=True)
+    rows = np.column_stack(to_map.transform(*ground.T))
+    assert abs(rows[0, 2] - 400.0) > 30.0
+    pipe_in(monkeypatch, "".join(f"{x:.6f} {y:.6f} {h:.6f} P{k}\n" for k, (x, y, h) in enumerate(rows)))
+    assert main(["project", path, "--ground-crs", "EPSG:32633", "--height-datum", "egm96"]) == 0
+    found = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [row[2] for row in found] == ["P0", "P1"]
+    np.testing.assert_allclose(np.array([row[:2] for row in found], float), rpc.project(ground), atol=0.02)
+    pipe_in(monkeypatch, "12 93 100\n")
+    assert main(["project", path]) == 2
+    assert "line 1: lon 12, lat 93" in capsys.readouterr().err
 
 
 def test_json_holds_the_points(
