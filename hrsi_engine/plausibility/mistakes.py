@@ -254,7 +254,7 @@ def _iterate_height_mistakes(control: ControlMeasurements, shift_m: np.ndarray) 
 def _leaves_height_range(control: ControlMeasurements, lift_m: float) -> bool:
     """Return whether heights within the RPCs' height range would leave it with a lift removed.
 
-    The maker of an RPC knows the heights of its ground. One image moved under its RPC, such as a crop, looks like a
+    The height range of an RPC is that of its ground. One image moved under its RPC, such as a crop, looks like a
     lift of kilometres.
     """
     rpcs = [control.block.images[index].rpc for index in control.image]
