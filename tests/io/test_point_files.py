@@ -11,7 +11,7 @@ import pyproj
 import pytest
 import rasterio
 from gdal_files import write_layer
-from osgeo import gdal
+from osgeo import gdal, ogr
 from rasterio.control import GroundControlPoint
 
 from hrsi.hrsi_engine.block.points import UNSET, Role
