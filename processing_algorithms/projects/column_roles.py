@@ -80,7 +80,7 @@ def read_text_table(path: str) -> TextTable | None:
     return _make_text_table(names, rows, separator)
 
 
-def _make_text_table(names: tuple[str, ...], rows: Sequence[Sequence[str]], separator: str) -> TextTable:
+def _make_text_table(names: tuple[str, ...], rows: Sequence[Sequence[str]], separator: str | None) -> TextTable:
     numbers = [[np.nan if (value := parse_field(text, separator)) is None else value for text in row] for row in rows]
     return TextTable(names, tuple(zip(*rows, strict=True)), np.array(numbers))
 
