@@ -27,7 +27,6 @@ from .interface.declare import Context, Report
 
 PROJECTED_LINE = "lon lat height"
 PROJECTED_KEYS = ("id", "image", "sample", "line")  #: of the points in a report
-LAYER, ELLIPSOIDAL = "layer", "ellipsoidal"
 
 
 def run(options: ProjectOptions, context: Context) -> Report:
@@ -90,7 +89,7 @@ def _place_lines(numbers: np.ndarray, rest: list[str], options: ProjectOptions) 
     given = dict(zip(axes, np.nan_to_num(numbers).T, strict=True))
     table = PointTable("standard input", given, axes, lambda row: f"line {row + 1}")
     datum = options.terrain.height_datum
-    datum = ELLIPSOIDAL if datum == LAYER and not options.ground_crs else datum
+    datum = "ellipsoidal" if datum == "layer" and not options.ground_crs else datum
     placed = ground_positions(table, Reference(options.ground_crs or "", datum))
     ground = np.where(np.isnan(numbers), np.nan, placed.ground)
     points = GroundPoints(np.array(rest, dtype=str), ground, operation=placed.operation, operations=placed.operations)
