@@ -17,7 +17,7 @@ from ..hrsi_engine.block.imaging_geometry import compute_footprint
 from ..hrsi_engine.block.points import ROLE_LABELS
 from ..hrsi_engine.camera.rpc import RPC
 from ..hrsi_engine.drawing.plots import draw_bars
-from ..hrsi_engine.foundation.errors import InputError
+from ..hrsi_engine.foundation.errors import IDS_NAMED, InputError
 from ..hrsi_engine.foundation.progress import advance
 from ..hrsi_engine.foundation.robust_scale import robust_sigma
 from ..hrsi_engine.foundation.thresholds import SAMPLES, SIGNIFICANCE
@@ -40,7 +40,7 @@ from .block_steps.plausibility import describe_differences, heights_above
 from .block_steps.summary import format_digits
 from .declarations.rpcs import AUTOMATIC_TRACKS, EVALUATION_FILE, NO_TRACKS, OWN, EvaluateOptions
 from .files.opening import dem_surface, open_control_surface, open_images
-from .files.result_folder import LENGTH, PAGE_FILE, check_folder, plan_folder, stage_results
+from .files.result_folder import PAGE_FILE, check_folder, plan_folder, stage_results
 from .interface.declare import Context, Report
 
 #: Source, files and RPCs of a set.
@@ -411,7 +411,7 @@ def summarise(report: Report) -> str:
     }
     rows |= {
         f"predicted on {name} px": [entry["images"][name]["predicted_rmse_px"] for entry in sets.values()]
-        for name in list(any_set["images"])[: LENGTH.most_outliers]
+        for name in list(any_set["images"])[:IDS_NAMED]
     }
     matched = [entry.get("surface") for entry in sets.values()]
     rows |= {

@@ -26,9 +26,10 @@ from ..hrsi_engine.io.output_dir import check_output_dir
 from ..hrsi_engine.io.pages.report import explain_codes, read_picture
 from ..hrsi_engine.io.rasters.ortho_rasters import OrthoRaster, offset_of, open_ortho, resample_to_grid
 from ..hrsi_engine.ortho import misregistration
+from ..hrsi_engine.results.drawings import LARGEST_PICTURE_PX
 from ..hrsi_engine.results.verdict import Verdict
 from .declarations.orthoimages import SHIFTS_FILE, SHIFTS_LAYERS, OrthoCheckOptions
-from .files.result_folder import LENGTH, plan_folder, tell, write_folder
+from .files.result_folder import plan_folder, tell, write_folder
 from .interface.declare import Context, Report
 
 
@@ -289,7 +290,7 @@ def _draw_maps(found: Sequence[PairMatches]) -> dict[str, Any]:
         for state, matches in pair.matches.items():
             ortho, key = pair.pair.states[state][0].ortho, f"{name} {state}"
             if key not in pictures:
-                pictures[key] = read_picture(ortho.raster, name, len(pictures), LENGTH.picture_px)
+                pictures[key] = read_picture(ortho.raster, name, len(pictures), LARGEST_PICTURE_PX)
             data = BlockMap(
                 {},
                 lonlat[good],

@@ -20,12 +20,13 @@ from ..hrsi_engine.io.output_dir import require_no_input
 from ..hrsi_engine.io.pages.report import name_crs_unit, read_picture, write_page
 from ..hrsi_engine.io.rasters.images import GdalRaster
 from ..hrsi_engine.io.rasters.orthoimages import OrthoFigures, read_figures, stamp_of, write_orthoimage
+from ..hrsi_engine.results.drawings import LARGEST_PICTURE_PX
 from .declarations.orthoimages import MOSAIC_FILE, SEAMLINES_FILE, OrthorectifyOptions
 from .files.exposure_pairs import add_colour, pair_exposures
 from .files.opening import open_images
 from .files.orthoimage_plan import OrthoJob, chunks_of, jobs_of, label_crs, open_ortho_terrain, plan_block
 from .files.orthomosaic import MosaicPlan, make_mosaic, plan_mosaic
-from .files.result_folder import LENGTH, PAGE_FILE, REPORT_FILE, plan, stage_results
+from .files.result_folder import PAGE_FILE, REPORT_FILE, plan, stage_results
 from .interface.declare import Context, Report
 
 ORTHO_SHARE = 0.7  # of the running time, with a mosaic
@@ -89,7 +90,7 @@ def run(options: OrthorectifyOptions, context: Context) -> Report:
         if options.report:
             read = [(key, GdalRaster(entry["output"])) for key, entry in entries.items() if entry["shown_pixels"]]
             read = read[: LISTS.images]
-            pictures = [read_picture(raster, key, k, LENGTH.picture_px) for k, (key, raster) in enumerate(read)]
+            pictures = [read_picture(raster, key, k, LARGEST_PICTURE_PX) for k, (key, raster) in enumerate(read)]
             write_page(str(staged / PAGE_FILE), "orthoimages.html.j2", report, pictures=[p for p in pictures if p])
     return report
 

@@ -40,12 +40,13 @@ from ..hrsi_engine.io.rasters.surface_models import (
 from ..hrsi_engine.io.safety.array_files import PartStore
 from ..hrsi_engine.io.safety.content_marks import content_mark
 from ..hrsi_engine.ortho.grid import GridWindow, MapGrid, choose_map_crs, round_resolution
+from ..hrsi_engine.results.drawings import LARGEST_PICTURE_PX
 from ..hrsi_engine.surface.dem import HeightSurface, surface_heights
 from .block_steps.adjusted_block import AdjustedBlock, read_adjusted_block
 from .block_steps.plausibility import describe_differences
 from .declarations.orthoimages import DIFFERENCE_FILE, SURFACE_FILE, SurfaceModelOptions
 from .files.orthoimage_plan import label_crs, parse_box
-from .files.result_folder import LENGTH, PAGE_FILE, REPORT_FILE, check_folder, plan, stage_results
+from .files.result_folder import PAGE_FILE, REPORT_FILE, check_folder, plan, stage_results
 from .hand_over import pair_entry
 from .interface.declare import Context, Report
 
@@ -149,7 +150,8 @@ def run(options: SurfaceModelOptions, context: Context) -> Report:
         if options.report:
             shown: list[tuple[str, GdalRaster]] = [("surface", ShadedSurface(str(staged / SURFACE_FILE)))]
             shown += [("difference", GdalRaster(path))] if reference is not None else []
-            pictures = [read_picture(raster, key, k, 4 * LENGTH.picture_px) for k, (key, raster) in enumerate(shown)]
+            side_px = 4 * LARGEST_PICTURE_PX
+            pictures = [read_picture(raster, key, k, side_px) for k, (key, raster) in enumerate(shown)]
             write_page(str(staged / PAGE_FILE), "surface.html.j2", report, pictures=[one for one in pictures if one])
     return report
 

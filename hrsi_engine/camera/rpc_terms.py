@@ -42,7 +42,6 @@ class EVALUATION:
 
     chunk: int = threshold(12288, "points", "size of a buffer: fewer cost calls, more leave the cache", _SPEED)
     product_limit: int = threshold(2**18, "multiplications", "largest product on one thread of OpenBLAS", _SPEED)
-    threaded_chunks: int = threshold(20, "buffers", "number of buffers from which threads are faster", _SPEED)
     most_threads: int = threshold(4, "threads", "largest number: more threads wait for memory", _SPEED)
     accepted_px: float = threshold(1e-8, "px", "largest error of an accepted image point", _ROUNDING)
     chord_evaluations: int = threshold(4, "evaluations", "largest number with the derivatives of the fitted inverse")
@@ -69,11 +68,10 @@ def chunks(count: int, size: int = EVALUATION.chunk) -> Iterator[slice]:
 def for_parts(count: int, work: Callable[[slice, Workspace], None]) -> None:
     """Call ``work(part, workspace)`` for slices of ``count`` points of the size of the buffers, without warnings.
 
-    Many points are distributed to threads, since NumPy releases the GIL. A small number is computed in the calling
-    thread, since the callers may use threads themselves.
+    The slices are distributed to threads, since NumPy releases the GIL. A single one is computed in the calling thread,
+    since the callers may use threads themselves.
     """
-    is_threaded = count >= EVALUATION.threaded_chunks * EVALUATION.chunk
-    threads = min(EVALUATION.most_threads, thread_count()) if is_threaded else 1
+    threads = min(EVALUATION.most_threads, thread_count(), max(count // EVALUATION.chunk, 1))
     parts = chunks(count)
     if threads == 1:
         _work_through(parts, count, work)

@@ -54,6 +54,7 @@ class SURVEY:
     )
     harmful_px: float = threshold(0.5, "px", "smallest standard deviation of the rounding that is reported")
     same_target_px: float = threshold(1.5, "px", "largest distance of two measurements of one target")
+    same_id_m: float = threshold(10.0, "m", "largest distance of two places of one id that are one point")
 
 
 def find_points_outside(block: Block) -> list[Reason]:

@@ -32,13 +32,14 @@ from .surface_figures import draw_surfaces
 class REPORT_PAGE:
     """Limits for the amount of data on the page of the report."""
 
-    chip_half_px: int = threshold(12, "px", "smallest half side of a chip of a point")
-    largest_chip_px: int = threshold(36, "px", "largest half side of a chip")
+    chip_half_px: int = threshold(12, "px", "smallest half side of a chip of a point, and margin around a target")
+    largest_chip_px: int = threshold(36, "px", "largest half side of a chip, and that where no target was found")
     most_picture_pixels: int = threshold(400_000_000, "px", "largest number read for all pictures: some seconds")
 
 
 MOST_CHIPS = {Role.GCP: 120, Role.CHECK: 120, Role.TIE: 24}  # the worst of each role
 PICTURE_SIDES_PX = {6: 640, 24: 320, 60: 180}  # longer side of a picture, by the largest number of images
+LARGEST_PICTURE_PX = max(PICTURE_SIDES_PX.values())
 
 #: Function that finds a target's outline near a position of an image: polylines in pixels, none without a target.
 Outline = Callable[[Image, np.ndarray], Sequence[np.ndarray]]

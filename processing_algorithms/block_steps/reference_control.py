@@ -58,6 +58,12 @@ class FromReference(NamedTuple):
     operations: tuple[OperationUse, ...] = ()
 
 
+def default_sigma_m(gsd_m: float) -> float:
+    """Return the standard deviation of places in a reference orthoimage (m) by its pixel size."""
+    satellite_m = max(REFERENCE_SIGMA.satellite_m, REFERENCE_SIGMA.satellite_pixels * gsd_m)
+    return min(REFERENCE_SIGMA.pixels * gsd_m, satellite_m)
+
+
 def find_reference_control(
     images: Sequence[Image],
     options: ReferenceImage,
@@ -89,8 +95,7 @@ def find_reference_control(
     if sigma_h_m is None:
         middle = control.ground[len(control.ground) // 2 :][:1]
         sigma_h_m = dem_sigma_m(cell_size_m(surface, middle[0])) if len(middle) else 1.0
-    satellite_m = max(REFERENCE_SIGMA.satellite_m, REFERENCE_SIGMA.satellite_pixels * reference.gsd_m)
-    sigma_xy_m = options.reference_sigma or min(REFERENCE_SIGMA.pixels * reference.gsd_m, satellite_m)
+    sigma_xy_m = options.reference_sigma or default_sigma_m(reference.gsd_m)
     # The errors of the coordinate operations of the places are included
     shared_m = largest_sigma_m(reference.operations)[0], largest_sigma_m(of_dem)[1]
     accuracy = checks.ReferenceAccuracy(*np.hypot((sigma_xy_m, sigma_h_m), shared_m).tolist())

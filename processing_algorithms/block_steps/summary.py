@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+from ...hrsi_engine.foundation.errors import IDS_NAMED
 from ...hrsi_engine.io.jitter_files import JITTER_FILE
 from ...hrsi_engine.refinement.selection import ModelChoice
-from ..files.result_folder import LENGTH
 from ..interface.declare import Report, reason_lines
 
 COLUMN_WIDTHS = {"east_m": 10, "north_m": 10, "height_m": 10, "sample_px": 11, "line_px": 9}  #: by key of the report
@@ -37,7 +37,7 @@ def summarise(report: Report) -> str:
     lines += [
         f"{part['image_count']} images, predicted for points measured in them, without survey errors: "
         f"{_format_accuracy(part)}{'' if part['gcps'] else by_rpcs}"
-        for part in report["parts"][: LENGTH.most_outliers]
+        for part in report["parts"][:IDS_NAMED]
         if part["ce90_m"] is not None
     ]
     if ties["points"]:
@@ -63,11 +63,8 @@ def summarise(report: Report) -> str:
             f"{held['wrong']} wrong matches, RMSE {rmse}, from epipolar lines {epipolar} "
             "(in brackets: tie points of the adjustment)"
         )
-    lines += [
-        f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma"
-        for row in outliers[: LENGTH.most_outliers]
-    ]
-    if report["outlier_count"] > LENGTH.most_outliers:
+    lines += [f"outlier: {row['id']} on {row['image']}, {row['statistic']:.1f} sigma" for row in outliers[:IDS_NAMED]]
+    if report["outlier_count"] > IDS_NAMED:
         lines.append(f"outliers: {report['outlier_count']} in all, see the report")
     lines += [f"warning: {text}" for text in report["warnings"]]
     return "\n".join([*lines, "", *verdict_lines(report["verdict"])])

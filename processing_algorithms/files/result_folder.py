@@ -16,7 +16,6 @@ import numpy as np
 from ...hrsi_engine.block.imaging_geometry import compute_footprint
 from ...hrsi_engine.foundation.progress import advance, stage
 from ...hrsi_engine.foundation.reasons import Level
-from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import WGS84, WGS84_3D
 from ...hrsi_engine.io.geopackage.layer_tables import layer_names, text_columns
 from ...hrsi_engine.io.geopackage.layers import Layer, write_geopackage
@@ -29,14 +28,6 @@ from ..interface.declare import QUICK_LOOKS, STATES, Context, Report
 from ..interface.option_groups import OptionalFolder, ResultFolder
 
 REPORT_FILE, PAGE_FILE = "report.json", "report.html"
-
-
-@thresholds
-class LENGTH:
-    """Lengths of lists in logs, pages and summaries."""
-
-    picture_px: int = threshold(640, "px", "longer side of a picture of an orthoimage")
-    most_outliers: int = threshold(5, "outliers", "largest number of outliers in a summary")
 
 
 #: Sentences of the verdict of a dry run without and with findings.

@@ -12,6 +12,7 @@ from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.ground.geodesy import metres_per_degree
 from ...hrsi_engine.io.geopackage.declared_layers import ChipRows
 from ...hrsi_engine.io.geopackage.layer_tables import read_layer_table
+from ...hrsi_engine.plausibility.places import SURVEY
 from .rows import ROLES, SurveyPoint
 
 
@@ -20,7 +21,6 @@ class CHIPS:
     """Size of chips, their assignment to points, and number compared."""
 
     half_px: int = threshold(64, "px", "half side of a chip, sufficient for images of a third of its resolution")
-    same_id_m: float = threshold(10.0, "m", "largest distance of a chip with the id of a point")
     same_place_m: float = threshold(0.5, "m", "largest distance of a chip with another id")
     most: int = threshold(6, "chips", "largest number compared for a point, most similar pixel sizes first")
 
@@ -51,7 +51,7 @@ class ChipLibrary:
         here = np.array([[point.lon, point.lat, point.height]])
         places = np.column_stack([self.rows.lon, self.rows.lat])
         away_m = np.hypot(*((places - here[:, :2]) * metres_per_degree(here)[:, :2]).T)
-        limit_m = np.where(np.asarray(self.rows.id) == point.id, CHIPS.same_id_m, CHIPS.same_place_m)
+        limit_m = np.where(np.asarray(self.rows.id) == point.id, SURVEY.same_id_m, CHIPS.same_place_m)
         return np.flatnonzero(away_m <= limit_m)
 
     def read_pixels(self, row: int) -> ArrayRaster:

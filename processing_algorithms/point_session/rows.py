@@ -21,7 +21,6 @@ MODEL = next(param for param in params_of(AdjustOptions) if param.argument == "m
 class PANEL:
     """Limits of the panel, and a priori errors in the search of a point in other images."""
 
-    unknown_heights_m: float = threshold(300.0, "m", "half range of heights if no point has a height")
     vendor_px: float = threshold(150.0, "px", "error of given RPCs: 75 m at 0.5 m pixels")
     adjusted_px: float = threshold(2.0, "px", "error of adjusted cameras")
     half_view_px: float = threshold(60.0, "px", "half side of a view of an image with corrected RPC")

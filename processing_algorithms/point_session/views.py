@@ -80,8 +80,10 @@ def list_heights(session: PointSession, name: str) -> tuple[float, float, float]
         margin = 2.0 * GROUND.margin_m / 3.0
         return point.height - margin, point.height + margin, point.height
     heights, middle = session.ground_heights_m(), session.middle_height_m()
-    margin = GROUND.margin_m if len(heights) else PANEL.unknown_heights_m
-    return float(heights.min(initial=middle)) - margin, float(heights.max(initial=middle)) + margin, middle
+    if len(heights):
+        return float(heights.min()) - GROUND.margin_m, float(heights.max()) + GROUND.margin_m, middle
+    ranges = np.array([image.rpc.height_range for image in session.images.values()])
+    return float(ranges.min()), float(ranges.max()), middle
 
 
 def place_on(session: PointSession, image_id: str, lonlat: tuple[float, float], height_m: float) -> tuple[float, float]:

@@ -16,8 +16,9 @@ import numpy as np
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.columns import NameColumn
 from ...hrsi_engine.foundation.robust_scale import robust_sigma
-from ...hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES, threshold, thresholds
-from ...hrsi_engine.ground.geodesy import ground_difference_m
+from ...hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES
+from ...hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
+from ...hrsi_engine.ground.map_crs import LOCAL_CRS
 from ...hrsi_engine.io.geopackage.layer_tables import layer_names, text_columns
 from ...hrsi_engine.io.point_files import PointTables
 from ...hrsi_engine.io.point_files.csv_text import count_header_rows, parse_field, read_lines, split_rows
@@ -29,14 +30,6 @@ SPREADSHEETS = (".xlsx", ".ods")
 UNUSED = "-"  #: name of a column that is not read
 POSITION_NAMES = (("lon", "lat"), ("lat", "lon"), ("x", "y"), ("y", "x"))  #: meanings of two neighbouring columns
 LINE_NAMES = re.compile(r"line|lig|row|zeile|y|fila|reng", re.IGNORECASE)
-
-
-@thresholds
-class COLUMN_ROLES:
-    """Limits for the interpretation of columns and files."""
-
-    margin_deg: float = threshold(0.5, "degree", "margin of ground points around the footprints")
-    equal_m: float = threshold(5.0, "m", "largest distance of points with one id in two files of the same survey")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +90,8 @@ def name_columns(path: str, table: TextTable, roles: Sequence[str]) -> str:
 
 def share_near(lonlat: np.ndarray, region: np.ndarray) -> float:
     """Return the share of positions ``(n, 2)`` near the ground of the images, ``region`` (2, 2) lowest and highest."""
-    near = (lonlat > region[0] - COLUMN_ROLES.margin_deg) & (lonlat < region[1] + COLUMN_ROLES.margin_deg)
+    margin_deg = LOCAL_CRS.margin_m / metres_per_degree(np.append(region.mean(axis=0), 0.0)[None])[0, :2]
+    near = (lonlat > region[0] - margin_deg) & (lonlat < region[1] + margin_deg)
     inside = (lonlat > region[0]) & (lonlat < region[1])
     return float(near.all(axis=1).mean() + inside.all(axis=1).mean()) / 2.0 if len(lonlat) else 0.0
 

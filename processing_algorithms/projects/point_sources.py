@@ -22,8 +22,9 @@ from ...hrsi_engine.io.geopackage.layer_tables import layer_names
 from ...hrsi_engine.io.point_files import PointTables, csv_text, read_points
 from ...hrsi_engine.io.point_files.find import read_table
 from ...hrsi_engine.io.point_files.table import match_fields
+from ...hrsi_engine.plausibility.places import SURVEY
 from . import column_roles
-from .column_roles import COLUMN_ROLES, POSITION_NAMES, match_image, share_near
+from .column_roles import POSITION_NAMES, match_image, share_near
 
 #: Words of file names and of fields that state the role of points.
 CHECK_WORDS = re.compile(r"(?<![a-z])(check|chk|cp|icp|ckp|validation|verif|test|kontroll?|pruef)", re.IGNORECASE)
@@ -422,7 +423,7 @@ def _find_contradiction(source: PointSource, others: Sequence[PointSource]) -> s
         return ""
     distance = float(np.nanmedian(np.linalg.norm(ground_difference_m(first, second)[:, :2], axis=1)))
     differ = f"{len(first)} of its points have other places (median {distance:.0f} m) in {others[0].name}"
-    return "" if distance < COLUMN_ROLES.equal_m else differ
+    return "" if distance < SURVEY.same_id_m else differ
 
 
 def decide_roles(sources: Sequence[PointSource]) -> PointRoles:

@@ -16,7 +16,7 @@ import numpy as np
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import any_of_rows, finite_rows
 from ...foundation.progress import Progress, stage
-from ...foundation.thresholds import ITERATIONS, REDUNDANCY, threshold, thresholds
+from ...foundation.thresholds import ITERATIONS, REDUNDANCY, SIGNIFICANCE, threshold, thresholds
 from ..equations import PointPriors, State
 from ..gauss_newton import GaussNewton, Solution, Weighting
 from ..outcome.assembly import RoundFindings
@@ -30,10 +30,9 @@ from .ties import check_ties, compute_point_squares, estimate_tie_variance
 
 @thresholds
 class SNOOPING:
-    """Numbers of rounds of data snooping, and weights in them."""
+    """Limit for the rounds of data snooping."""
 
     rare: float = threshold(2e-4, "", "share of changed decisions on measurements below which the rounds end")
-    strong_drift: float = threshold(10.0, "", "factor of the a priori sigmas of drifts in a second test of GCPs")
 
 
 class Snooping:
@@ -171,7 +170,7 @@ class Snooping:
                 loop = copy(self.loop)  # shared equations and system, own history
                 loop.history, loop.max_iterations = [], 1  # near the minimum the equations are linear
                 prior_weight = self.loop.prior_weight.copy()
-                prior_weight[:, problem.guessed] /= SNOOPING.strong_drift**2
+                prior_weight[:, problem.guessed] /= SIGNIFICANCE.extreme**2
                 loop.set_prior_weight(prior_weight, self.loop.common)
                 loose = compute_discrepancies(problem, loop, loop.continue_from(solution), gcps)
                 drifting = find_suspect_gcps(loose, problem.options.reject_sigma)

@@ -17,18 +17,11 @@ from ...block.block import Image, Role, stack_rpcs
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import finite_rows
 from ...foundation.reasons import Level, Reason
-from ...foundation.thresholds import SAMPLES, SIGNIFICANCE, threshold, thresholds
+from ...foundation.thresholds import SAMPLES, SIGNIFICANCE
 from ...ground.geodesy import ground_difference_m
 from ...refinement.selection import SELECTION
 from ..residuals import state_known_sigmas_px
-from .evidence import CAMERA, SOUND_BLOCKS, Evidence, compute_chi_square_limit, is_significant
-
-
-@thresholds
-class GROUND_TRUTH:
-    """Limit for GCPs and check points that contradict the block."""
-
-    most_independent: int = threshold(5, "points", "largest number of independent camera errors", SOUND_BLOCKS)
+from .evidence import CAMERA, Evidence, compute_chi_square_limit, is_significant
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +176,7 @@ def _find_mean_errors(
     """Return texts on significant means of the errors ``(k, 3)`` of points along single axes.
 
     The variance of an axis's mean is that of the block, which all points share, and that of k surveys and measurements
-    over k; at most `most_independent` of the cameras' unmodelled errors are independent. So a common error is detected
+    over k; at most `SAMPLES.redundant` of the cameras' unmodelled errors are independent. So a common error is detected
     that no single point shows. ``block_part``, ``of_survey`` are covariances ``(k, 3, 3)`` by the adjustment and of the
     surveys, ``cofactors`` those of rays.
     """
@@ -198,7 +191,7 @@ def _find_mean_errors(
         if count < SAMPLES.plane:
             continue
         mean, sigma = float(error[used, axis].mean()), float(np.sqrt(single[used, axis].mean()))
-        of_cameras = evidence.camera_px**2 * ray[used, axis] / min(count, GROUND_TRUTH.most_independent)
+        of_cameras = evidence.camera_px**2 * ray[used, axis] / min(count, SAMPLES.redundant)
         by_points = (stated[used, axis] + pixel**2 * ray[used, axis]) / count
         of_mean = float(np.sqrt((shared[used, axis] + of_cameras + by_points).mean()))
         if is_significant((mean / of_mean) ** 2, 1.0, SIGNIFICANCE.false_alarm / 3.0) and abs(mean) > sigma:

@@ -13,15 +13,8 @@ from ...adjustment.source_results import HeightAgreement, SourceGroup
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
 from ...foundation.robust_scale import ROBUST
-from ...foundation.thresholds import EQUALITY, GROUND, SAMPLES, threshold, thresholds
+from ...foundation.thresholds import EQUALITY, GROUND, SAMPLES
 from .evidence import Evidence
-
-
-@thresholds
-class HEIGHT_CONFLICTS:
-    """Limits for heights that contradict the block."""
-
-    woods_m: float = threshold(30.0, "m", "height above the ground up to which parts of a DEM are woods or buildings")
 
 
 def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
@@ -40,7 +33,7 @@ def find_conflicting_heights(evidence: Evidence) -> Iterator[Reason]:
             for group in one.groups
             if group.wrong and abs(group.offset_m) > ROBUST.outlier * _compute_full_sigma_m(one, group)
         ]
-        higher = [group for group in beyond if group.left_out and 0.0 < group.offset_m < HEIGHT_CONFLICTS.woods_m]
+        higher = [group for group in beyond if group.left_out and 0.0 < group.offset_m < GROUND.margin_m]
         covered = sum(group.observations for group in higher)
         is_wooded = one.source == "DEM" and covered <= EQUALITY.majority * one.observations
         contradicting = [group for group in beyond if group not in higher] if is_wooded else beyond

@@ -12,10 +12,11 @@ from ...adjustment.statistics.precision import predict_accuracy
 from ...block.placement import FRAME
 from ...foundation.errors import list_ids
 from ...foundation.reasons import Level, Reason
+from ...foundation.robust_scale import ROBUST
 from ...foundation.thresholds import EQUALITY, SAMPLES, SIGNIFICANCE, threshold, thresholds
 from ...ground.geoids import GEOID
 from ...ground.operation_uses import advise_grids, describe_missing_grid, describe_substitute
-from .evidence import CAMERA, SOUND_BLOCKS, Evidence, is_significant
+from .evidence import CAMERA, Evidence, is_significant
 
 
 @thresholds
@@ -24,9 +25,6 @@ class SOLUTION:
 
     settled_sigmas: float = threshold(
         0.1, "sigma", "reported change of the unknowns by another iteration: it increases errors by 0.5 %"
-    )
-    implausible_factor: float = threshold(
-        2.5, "", "smallest reported residuals, of a group or of all (sigma0), over the given sigmas", SOUND_BLOCKS
     )
 
 
@@ -57,13 +55,13 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
 
     Residuals are unusable if they are much larger than the noise, the unmodelled errors of cameras, and jitter.
     """
-    result, reported_px = evidence.result, SOLUTION.implausible_factor * EQUALITY.camera_px
+    result, reported_px = evidence.result, ROBUST.full_weight * EQUALITY.camera_px
     texts = [
         f"{part.group} {part.factor:.1f} times ({part.sigma:.2g} {part.unit} instead of {part.sigma / part.factor:.2g})"
         for part in result.variance_components
         if part.estimated
         and part.unit in ("px", "m")
-        and part.factor >= SOLUTION.implausible_factor
+        and part.factor >= ROBUST.full_weight
         and (part.unit == "m" or part.sigma >= reported_px)
         and is_significant(part.factor**2 * part.redundancy, part.redundancy)
     ]
@@ -71,7 +69,7 @@ def find_implausible_sigmas(evidence: Evidence) -> Iterator[Reason]:
     required = result.sigma0 * adjusted
     allowed = float(np.sqrt(stated**2 + CAMERA.unmodelled_px**2 + evidence.jitter_px**2))
     unusable = required >= SIGNIFICANCE.extreme * allowed
-    reported = result.sigma0 >= SOLUTION.implausible_factor and required >= reported_px
+    reported = result.sigma0 >= ROBUST.full_weight and required >= reported_px
     if (unusable or reported) and is_significant((required / stated) ** 2 * result.redundancy, result.redundancy):
         texts.append(
             f"all observations {result.sigma0:.1f} times (sigma0; image points of {required:.2g} px instead of "
