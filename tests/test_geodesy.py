@@ -185,3 +185,12 @@ def test_ellipsoidal_heights_stay() -> None:
     np.testing.assert_allclose(crs_operations.operations_of("EPSG:4326").height_offsets(point[:, :2]), [0.0])
     assert crs_operations.operations_of("EPSG:4979").has_heights
     assert not crs_operations.operations_of("EPSG:32631").has_heights
+
+
+@pytest.mark.parametrize(("away_m", "found"), [(0.0, True), (20e3, True), (400e3, False)])
+def test_coordinates_of_a_scene_and_its_surroundings_have_its_crs(away_m: float, found: bool) -> None:
+    """A survey reaches beyond its scene, by less than a strip is wide; 400 km on lies another zone."""
+    place = np.array([9.0, 48.0])
+    xy = map_crs.project_to_map(np.array([[*place, 0.0]]), 32632)[0] + [away_m, 0.0]
+    assert ("EPSG:32632" in map_crs.list_local_crs(place, xy)) == found
+    assert (map_crs.list_local_crs(place, place + [0.0, away_m / 111e3]) == ["EPSG:4326"]) == found

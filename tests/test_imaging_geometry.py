@@ -119,6 +119,7 @@ def image_with(**changes: object) -> Image:
         (image_with(samp_den=np.array([1.0, 1.4] + 18 * [0.0])), "sample denominator|no ground position"),
         (image_with(height_scale=-500.0), "HEIGHT_SCALE"),
         (image_with(height_off=30000.0), "no land"),
+        (image_with(height_off=-11000.0), "no land"),  # the deepest sea
         (image_with(line_scale=0.0), "LINE_SCALE"),
     ],
 )

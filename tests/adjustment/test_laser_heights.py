@@ -7,7 +7,7 @@ import pytest
 from laser_scenes import LaserScene, laser_scene
 
 from hrsi.hrsi_engine.adjustment import Adjustment, AdjustOptions, adjust
-from hrsi.hrsi_engine.adjustment.external.laser_heights import MISFIT, NO_TIES_NEAR, fit_planes
+from hrsi.hrsi_engine.adjustment.external.laser_heights import MISFIT, NO_TIES_NEAR, LaserHeights, fit_planes
 from hrsi.hrsi_engine.adjustment.external.shared_errors import (
     CommonError,
     GroupHistory,
@@ -16,7 +16,7 @@ from hrsi.hrsi_engine.adjustment.external.shared_errors import (
 )
 from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.foundation.thresholds import ITERATIONS
-from hrsi.hrsi_engine.ground.geodesy import metres_per_degree
+from hrsi.hrsi_engine.ground.geodesy import metres_per_degree, move_ground
 from hrsi.hrsi_engine.laboratory.simulation.options import LaserSpec
 from hrsi.hrsi_engine.results.judged_block import judge
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
@@ -207,6 +207,32 @@ def test_planes_follow_slopes_and_leave_roofs_out():
     single = fit_planes(away[:, :1], height[:, :1], np.ones((50, 1), dtype=bool))
     np.testing.assert_allclose(single.share, 1.0)
     assert np.abs(single.slope).max() < 1e-3
+
+
+def make_level_ties() -> tuple[LaserHeights, np.ndarray]:
+    """Return a laser point without stated sigma over level ground, and tie points 10 m apart around it."""
+    east, north = np.meshgrid(np.arange(-300.0, 301.0, 10.0), np.arange(-100.0, 101.0, 10.0))
+    ground = move_ground(
+        np.tile([7.0, 45.0, 300.0], (east.size, 1)), np.column_stack([east.ravel(), north.ravel(), 0.0 * east.ravel()])
+    )
+    laser = LaserPoints(np.array([[7.0, 45.0, 300.0]]))
+    return LaserHeights(laser, np.arange(1), np.arange(len(ground)), 15.0, 0.0), ground
+
+
+def test_laser_heights_that_state_no_sigma_have_a_usual_one():
+    """Of ICESat-2 over land: 0.1 m on ice (Brunt 2019) to 1 m in forests (Neuenschwander 2020)."""
+    heights, ground = make_level_ties()
+    assert 0.1 < heights.observe_heights(ground, np.zeros(0)).sigma_m[0] < 1.0
+
+
+@pytest.mark.parametrize(("moved_m", "others"), [(0.01, False), (100.0, True)])
+def test_a_block_that_moves_is_observed_where_it_comes_to(moved_m: float, others: bool):
+    """The last iterations keep the tie points of each laser point; those of a block far off are others."""
+    heights, ground = make_level_ties()
+    before = heights.observe_heights(ground, np.zeros(0))
+    ahead = heights.observe_heights(move_ground(ground, np.tile([moved_m, 0.0, 0.0], (len(ground), 1))), np.zeros(0))
+    assert bool(set(before.point.tolist()) & set(ahead.point.tolist())) != others
+    assert (ahead.point is before.point) != others
 
 
 def test_a_group_that_comes_back_again_and_again_stays_out():

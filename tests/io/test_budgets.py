@@ -27,6 +27,7 @@ from hrsi.hrsi_engine.io.large_tables import write_large_table
 from hrsi.hrsi_engine.io.opening import budgets
 from hrsi.hrsi_engine.io.opening.databases import require_sound, widths
 from hrsi.hrsi_engine.io.opening.datasets import quiet
+from hrsi.hrsi_engine.io.opening.files import require_size
 from hrsi.hrsi_engine.io.output_dir import names_of_last_run
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.hrsi_engine.io.rasters.dems import open_dem, open_geoid, read_geoid_heights
@@ -230,6 +231,15 @@ def test_files_too_large_to_be_read_whole(tmp_path: Path) -> None:
             file.truncate(budgets.MOST_BYTES[kind] + 1)
         with pytest.raises(InputError, match=f"{name}: has .* MiB, more than"):
             read_points(str(path), image_ids=["a"])
+
+
+def test_points_of_the_largest_block_pass_and_a_file_beyond_the_memory_does_not(tmp_path: Path) -> None:
+    (path := tmp_path / "file").touch()
+    os.truncate(path, 7_000_000 * 36)
+    require_size(str(path), "points")
+    os.truncate(path, 8 * GIB)
+    with pytest.raises(InputError, match="more than a file of points can have"):
+        require_size(str(path), "points")
 
 
 # ---- rasters and RPCs ----------------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """DEM files as height surfaces: CRS, height datum, nodata, units; intersection against GDAL's own RPC_DEM."""
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from osgeo import gdal, osr
 
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geoids import find_substitute
-from hrsi.hrsi_engine.io.rasters.dems import open_dem
+from hrsi.hrsi_engine.io.rasters.dems import RasterKind, find_raster_kind, open_dem
 from hrsi.hrsi_engine.io.rasters.ortho_rasters import open_reference
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 from hrsi.hrsi_engine.surface.dem import Status, intersect_surface, surface_heights
@@ -167,3 +168,13 @@ def test_a_missing_geoid_is_replaced_and_told_or_named(
 def test_what_is_no_dem_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"missing\.tif"):
         open_dem(str(tmp_path / "missing.tif"))
+
+
+@pytest.mark.parametrize(("values", "kind"), [([0, 1, 255], RasterKind.MASK), (range(256), RasterKind.PICTURE)])
+def test_masks_are_told_from_pictures(tmp_path: Path, values: Sequence[int], kind: RasterKind) -> None:
+    """Outside, cloud and clear are three values."""
+    place = (5e5, 10.0, 0.0, 5e6, 0.0, -10.0)
+    path = write_raster(tmp_path / "a.tif", np.resize(values, (64, 64)).astype(np.float32), place, "EPSG:32632")
+    gdal.Translate(str(tmp_path / "b.tif"), path, outputType=gdal.GDT_Byte, noData="none")
+    facts = find_raster_kind(str(tmp_path / "b.tif"))
+    assert facts is not None and facts.kind is kind

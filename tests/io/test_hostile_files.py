@@ -92,7 +92,7 @@ def test_an_archive_that_unfolds_without_end_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         for number in range(300):
             archive.writestr(f"f{number}.tif", b"\0" * 2**20)
-    with pytest.raises(InputError, match="unfold"):
+    with pytest.raises(InputError, match="bytes that unfold to 314572800 are no images"):
         resolve_images([str(tmp_path / "bomb.zip")], lambda _text: None)
 
 

@@ -2,12 +2,14 @@
 
 import csv
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.adjustment import AdjustOptions, adjust
+from hrsi.hrsi_engine.block.points import Role
 from hrsi.hrsi_engine.foundation.errors import OutputError
 from hrsi.hrsi_engine.io.geopackage.layer_tables import read_layer_table, replace_layers
 from hrsi.hrsi_engine.io.geopackage.layers import write_geopackage
@@ -51,6 +53,17 @@ def test_every_kind_of_column_is_read_back(tmp_path: Path) -> None:
 def test_a_folder_that_is_missing_is_named(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"t\.csv"):
         write_large_table(str(tmp_path / "none" / "t.csv"), [{"id": np.arange(3)}])
+
+
+@pytest.mark.parametrize(("count", "least", "most"), [(100_000, 100_000, 100_000), (2_000_000, 10_000, 100_000)])
+def test_layers_of_a_usual_block_are_complete_and_those_of_millions_are_drawn_at_once(
+    count: int, least: int, most: int
+) -> None:
+    """Fifty images with 2000 measurements each; QGIS draws a hundred thousand points in a second."""
+    block = mock.Mock(known=np.zeros(count, dtype=bool))
+    block.points.role, block.measurements.point = np.full(count, Role.TIE), np.arange(count)
+    result = mock.Mock(block=block, positions=np.zeros((count, 3)), has_residual=~block.known)
+    assert least <= len(select_rows(result, mock.Mock(statistic=np.linspace(0.0, 3.0, count))).measurements) <= most
 
 
 def test_of_many_image_points_the_layers_show_a_selection_and_readers_get_all(tmp_path: Path) -> None:

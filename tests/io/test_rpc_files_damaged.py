@@ -68,6 +68,17 @@ def test_the_middle_has_a_place_in_the_image(axis: str, numerator: float, denomi
             read_rpc(str(path))
 
 
+@pytest.mark.parametrize(("field", "value"), [("long_off", 1100.0), ("height_off", -6.4e6), ("lat_scale", 1e-9)])
+def test_places_and_areas_that_no_image_has(field: str, value: float, folder: Path) -> None:
+    """Three times around the Earth, in its centre, and a tenth of a millimetre."""
+    path, rpc = folder / "nowhere_RPC.TXT", sample_rpc(1)
+    path.write_text(text_formats.rpc_txt_text(rpc))
+    assert read_rpc(str(path)).rpc == rpc
+    path.write_text(text_formats.rpc_txt_text(replace(rpc, **{field: value})))
+    with pytest.raises(InputError, match=f"{field.upper()} is .* not possible"):
+        read_rpc(str(path))
+
+
 @pytest.mark.fuzz
 @given(rpc=ANY_RPC)
 def test_text_formats_keep_every_double(rpc: RPC, folder: Path) -> None:

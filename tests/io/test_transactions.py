@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -198,6 +199,16 @@ def test_dead_writers_files_go(tmp_path: Path) -> None:
     assert is_dead(str(tmp_path / f".a.{replacing._machine_name()}-{2**22 + 1}-1-0123abcd.tmp.tif"))
     assert len(sweep(str(tmp_path))) == 4
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([elsewhere.name, ".mine.tmp.tif"])
+
+
+@pytest.mark.parametrize(("days", "dead"), [(1.0, False), (90.0, True)])
+def test_unfinished_files_of_another_machine_stay_for_some_days(tmp_path: Path, days: float, dead: bool) -> None:
+    """Whether it runs is not known there: a run may take a day, and nothing stays for a quarter of a year."""
+    path = tmp_path / ".a.00000000-12-1-0123abcd.tmp.tif"
+    path.touch()
+    began = time.time() - 86_400.0 * days
+    os.utime(path, (began, began))
+    assert is_dead(str(path)) == dead
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")

@@ -7,6 +7,9 @@ import pytest
 from long_tests import mark_beyond
 from osgeo import gdal
 
+from hrsi.hrsi_engine.io.rasters.ortho_warp import Warp
+from hrsi.hrsi_engine.io.rasters.orthoimages import chunk_windows
+from hrsi.hrsi_engine.ortho.grid import MapGrid
 from hrsi.processing_algorithms import run
 
 
@@ -54,3 +57,12 @@ def test_parts_of_an_orthoimage(scene: Path, tmp_path: Path, options: dict[str, 
             part, _ = make(f"part_{top}_{left}", extent=",".join(f"{value:.1f}" for value in extent))
             joined[top:bottom, left:right] = part
     assert np.array_equal(joined, whole) and (whole > 0).mean() > 0.5
+
+
+@pytest.mark.parametrize("scale", [1.0, 8.0, 64.0])
+def test_chunks_of_overviews_too_are_no_slivers_and_fit_into_the_memory(scale: float) -> None:
+    """GDAL takes for each chunk as long as for 50 rows; the part of the image, here bytes, has half a gigabyte."""
+    windows = list(chunk_windows(MapGrid("", 1.0, 0, 0, 4096, 4096), Warp("near", scale, None)))
+    assert sum(one.columns * one.rows for one in windows) == 4096 * 4096
+    assert all(one.rows >= 50 for one in windows)
+    assert max(one.columns * scale * one.rows * scale for one in windows) <= 2**29

@@ -10,6 +10,7 @@ import simulated_blocks as blocks
 from long_tests import mark_beyond
 
 from hrsi.hrsi_engine.block.block import Block, Role
+from hrsi.hrsi_engine.block.control_visibility import find_weak_control
 from hrsi.hrsi_engine.foundation.reasons import Level
 from hrsi.hrsi_engine.ground.map_crs import utm_zone
 from hrsi.hrsi_engine.plausibility import check_block
@@ -211,6 +212,17 @@ def test_points_outside_their_image():
     xy = right.measurements.xy + 0.0
     xy[5] = [9000.0, 100.0]
     assert "outside-image" in codes(with_xy(right, xy))
+
+
+@pytest.mark.parametrize(("beyond_px", "outside"), [(1.0, False), (20.0, True)])
+def test_gcps_of_the_last_pixel_are_in_the_image_where_coordinates_begin_at_1(beyond_px: float, outside: bool):
+    """Its far edge is at 0.5 px more than the last number, and a pixel more where numbers begin at 1."""
+    right = block(ties=0)
+    gcp = np.flatnonzero(right.points.role == Role.GCP)[0]
+    xy = right.measurements.xy + 0.0
+    for row in np.flatnonzero(right.measurements.point == gcp):
+        xy[row, 0] = right.images[right.measurements.image[row]].size[0] - 0.5 + beyond_px
+    assert (right.points.ids[gcp] in find_weak_control(with_xy(right, xy))["outside the image"]) == outside
 
 
 def test_a_dem_beside_the_block():

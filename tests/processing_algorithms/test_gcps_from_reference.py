@@ -13,6 +13,7 @@ from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.ground.geoids import height_difference
 from hrsi.hrsi_engine.io.point_files import read_points
 from hrsi.processing_algorithms import run
+from hrsi.processing_algorithms.block_steps.reference_control import default_sigma_m
 from hrsi.processing_algorithms.command_line.cli import main
 
 
@@ -151,6 +152,18 @@ def test_quickbird_dem_with_the_right_and_the_wrong_datum(real_data, tmp_path, d
     assert all(
         "the geoid undulation is +28" in reason["message"] and "dem_datum" in reason["advice"] for reason in said
     )
+
+
+@pytest.mark.parametrize(
+    ("gsd_m", "published_m", "largest_m"),
+    [
+        (0.1, 0.1, 0.2),  # aerial orthoimages: RMSE of one and two pixels, the first classes of ASPRS 2014
+        (10.0, 12.5 / 2.49, 10.0),  # Sentinel-2: 12.5 m for 95.5 %; a pixel would be coarse
+        (30.0, 12.0 / 2.146, 30.0),  # Landsat: CE90 of 12 m
+    ],
+)
+def test_the_default_sigma_is_that_of_orthoimages_of_this_kind(gsd_m: float, published_m: float, largest_m: float):
+    assert 0.95 * published_m < default_sigma_m(gsd_m) <= largest_m
 
 
 @pytest.mark.real

@@ -202,6 +202,16 @@ def test_pairs_by_convergence_sun_season_and_similarity():
     )
 
 
+def test_pairs_under_one_sun_come_first_and_those_of_one_pass_stay():
+    """Shadows of the morning and of the afternoon are other objects; half an hour moves them by a few degrees."""
+    incidence = dict(zip("ABCD", (1.0, 12.0, 13.0, 14.0), strict=True))
+    pairs = [PairGeometry("A", other, (0.9, 0.9), 15.0, 0.26) for other in "BCD"]
+    suns = {name: SunAngles(azimuth, 45.0) for name, azimuth in zip("ABCD", (120.0, 240.0, 128.0, 120.0), strict=True)}
+    found = choose_stereo_pairs(pairs, incidence, suns, dict.fromkeys("ABCD"), {}, 8)
+    assert [one.right for one in found[:2]] == ["D", "C"]
+    assert all(one.score < 0.5 * found[0].score for one in found[2:])
+
+
 def evaluate_rpcm(rpc: dict, ground: np.ndarray) -> np.ndarray:
     """Return sample, line (n, 2) by the RPC's definition (NGA STDI-0002, RPC00B), from the names of `rpcm`."""
     P, L, H = (

@@ -25,7 +25,7 @@ from hrsi.hrsi_engine.io.catalogue import lineage
 from hrsi.hrsi_engine.io.catalogue.lineage import without_secrets_in
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
 from hrsi.hrsi_engine.io.rpc_files.fields import numbers_of
-from hrsi.hrsi_engine.results.lineage import state_accuracy
+from hrsi.hrsi_engine.results.lineage import lineage_items, state_accuracy
 from hrsi.processing_algorithms import REGISTRY, run
 from hrsi.processing_algorithms.command_line.command_parser import algorithm_parser
 from hrsi.processing_algorithms.interface.options import check_options
@@ -209,6 +209,18 @@ def test_orthoimage_names_image_rpc_and_terrain(scene: Path, tmp_path: Path) -> 
         told = own_metadata(output / "image_1_ortho.tif")
         assert told["HRSI_RPC"].startswith(rpc) and told["HRSI_TERRAIN"] == str(scene / "dem.tif")
         assert told["HRSI_SOURCE"] == "image_1.tif" and len(told["HRSI_RPC_SHA256"]) == 64
+
+
+@pytest.mark.parametrize(("images", "complete"), [(6, True), (10_000, False)])
+def test_the_tag_of_a_block_names_its_images_and_is_no_longer_than_a_page(images: int, complete: bool) -> None:
+    """Two stereo triplets by name; of an archive a page of text (4 kB), for which programs have room in their lists."""
+    report = {
+        "images": [f"IMG_PHR1A_P_201312251{number:05d}_SEN_PRG_FC" for number in range(images)],
+        **dict.fromkeys(("version", "date", "algorithm", "model"), ""),
+        "verdict": {"level": "usable"}, "check": {"ce90_m": 1.0, "le90_m": 1.0},
+    }  # fmt: skip
+    tag = lineage_items(report, "report.json")["HRSI_BLOCK"]
+    assert len(tag) < 4096 and all(name in tag for name in report["images"]) == complete
 
 
 @pytest.mark.coverage

@@ -8,12 +8,16 @@ import simulated_blocks as blocks
 
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.block.pointing import POINTING
+from hrsi.hrsi_engine.camera.rpc_fit import FIT, fit_rpc
 from hrsi.hrsi_engine.ground.geodesy import move_ground
 from hrsi.hrsi_engine.refinement import MODELS, Priors
 from hrsi.hrsi_engine.refinement.estimate import CONTROL_ONLY, Control, estimate
 from hrsi.hrsi_engine.refinement.model import CONTROLLED, UNCONTROLLED_DRIFT, select_priors
+from hrsi.hrsi_engine.refinement.pseudo_rays import compute_sensor_frame
 from hrsi.hrsi_engine.refinement.stacked_cameras import linearise_images, project_to_images
 from hrsi.processing_algorithms.laboratory.direct_methods import SINGLE_IMAGE_MODELS
+from hrsi.tests.test_rpc import synthetic_rpc
+from hrsi.tests.test_rpc_fit import pushbroom_points
 
 SEVERAL_PX = Priors(shift_px=100.0, drift=1e-3)  # a tenth of it: as large as vendors' errors are
 SAME_PX = 1e-6
@@ -252,3 +256,16 @@ def test_filter_and_batch_agree_where_the_problem_is_linear(image):
     ]
     np.testing.assert_allclose(results[1], results[0], atol=1e-3)
     np.testing.assert_allclose(results[2], results[0], atol=1e-3)
+
+
+def test_the_pseudo_sensor_of_a_line_scanner_is_at_its_height() -> None:
+    """The rays of a line meet where the sensor was: within 5 %, for an RPC smooths them."""
+    frame = compute_sensor_frame(Image("a", fit_rpc(*pushbroom_points(FIT.grid)).rpc, (20001, 20001)))
+    np.testing.assert_allclose(frame.heights_m, 700e3, rtol=0.05)
+
+
+def test_the_pseudo_sensor_of_parallel_rays_is_in_a_low_orbit() -> None:
+    """Rays of an affine RPC meet nowhere: any height of satellites that have such cameras does."""
+    rpc, one = synthetic_rpc(10.0, 0.0), np.eye(20)
+    affine = replace(rpc, samp_num=one[1] + 0.1 * one[3], line_num=-one[2], samp_den=one[0], line_den=one[0])
+    assert all(300e3 < height < 1000e3 for height in compute_sensor_frame(Image("a", affine, (10800, 11000))).heights_m)
