@@ -44,9 +44,6 @@ class CHUNKS:
         2, "px/px", "columns of a chunk for each row", "what GDAL does once for a chunk costs as much as about 50 rows"
     )
     least_rows: int = threshold(128, "px", "smallest number of rows of a chunk")
-    warped_share: float = threshold(
-        0.85, "", "share of the chunks of a COG in the running time; the rest writes the final format", "measured"
-    )
 
 
 class Pixels(NamedTuple):

@@ -30,6 +30,7 @@ from .ortho_warp import CHUNKS, OrthoSource, Pixels, Warp, warp_chunk
 
 #: Metadata items; in the default domain, because GDAL's COG driver drops the others.
 FINGERPRINT, FIGURES = "HRSI_ORTHO_FINGERPRINT", "HRSI_ORTHO_FIGURES"
+WARPED_SHARE = 0.85  # of the running time of a COG; the rest writes the final format
 TILED = ("TILED=YES", f"BLOCKXSIZE={CHUNKS.tile_px}", f"BLOCKYSIZE={CHUNKS.tile_px}", "BIGTIFF=IF_SAFER")
 INTERNAL_MASK = "GDAL_TIFF_INTERNAL_MASK", "YES"  # a mask file would have to be renamed, too
 #: By the choice of `format`: GDAL driver, and its options besides the compression.
@@ -236,9 +237,9 @@ def write_tiles(
             write(temporary, options, progress)
         else:
             plain = os.path.join(hidden_folder, "tiles.tif")
-            write(plain, (*TILED, "SPARSE_OK=TRUE"), stage(progress, 0.0, CHUNKS.warped_share))
+            write(plain, (*TILED, "SPARSE_OK=TRUE"), stage(progress, 0.0, WARPED_SHARE))
             _add_overviews(plain, overviews)
-            part = stage(progress, CHUNKS.warped_share, 1.0)
+            part = stage(progress, WARPED_SHARE, 1.0)
             create_copy(gdal.Open(plain), temporary, path, driver, options, part)
 
 
