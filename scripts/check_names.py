@@ -5,6 +5,9 @@ folder it reads the whole product. ``make lint`` runs it: it fails where a publi
 all names. The names inside functions are counted too: arguments and local variables that are function words or
 participles (``told``, ``own``, ``here``) may be `MOST_FUNCTION_WORDS` of all; ``--locals`` lists them.
 
+A call of a function or class of the product passes at most `MOST_POSITIONAL` arguments without their names: a reader
+cannot count further. Compiled loops, which take arrays one after the other, are left out.
+
 A name is a participle where its first or its last word is one (``_joined_rows``, ``points_seen``): a reader cannot tell
 whether it does something, is something, or answers a question. ``is_…`` and ``has_…`` answer questions, ``find_…``,
 ``select_…``, ``compute_…`` do something. A property may be the noun or adjective that it is, and a class may have an
@@ -24,6 +27,10 @@ PARTS = ("hrsi_engine", "processing_algorithms", "plugin")
 MOST_LISTED = 0.01
 #: The largest share of arguments and local variables that are function words; it may only become smaller.
 MOST_FUNCTION_WORDS = 0.03
+#: The largest number of arguments without names in a call.
+MOST_POSITIONAL = 6
+#: Modules of compiled loops, and functions of BLAS: their arguments are arrays in the order of the formula.
+LOOPS = re.compile(r"kernels|compiled_|dense_matrices")
 #: Verbs that end as participles do, and participles that have become nouns or verbs of the field.
 VERBS = {"need", "seed", "feed", "speed", "embed", "proceed", "exceed", "succeed", "shed", "weed"}  # fmt: skip
 PARTICIPLES = {
@@ -113,8 +120,29 @@ def count_function_words(paths: list[Path], is_listed: bool) -> float:
     return words / max(names, 1)
 
 
+def list_long_calls(paths: list[Path]) -> Iterator[str]:
+    """Yield the calls of functions and classes of the product with too many arguments without names."""
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths if not LOOPS.search(path.name)}
+    defined = {
+        node.name
+        for tree in trees.values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef) or (isinstance(node, ast.FunctionDef) and not node.args.vararg)
+    }
+    for path, tree in trees.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and len(node.args) > MOST_POSITIONAL:
+                module, _, name = ast.unparse(node.func).rpartition(".")
+                if (
+                    name in defined | {"cls"}
+                    and module != "struct"
+                    and not any(isinstance(one, ast.Starred) for one in node.args)
+                ):
+                    yield f"{path.relative_to(ROOT)}:{node.lineno} {name}: {len(node.args)} arguments without names"
+
+
 def main(arguments: list[str]) -> int:
-    """Print the names with faults and return 1 where there are too many."""
+    """Print the names and calls with faults and return 1 where there are too many."""
     folders = [argument for argument in arguments if argument != "--locals"]
     places = [ROOT / folder for folder in folders or PARTS]
     paths = sorted(path for place in places for path in (place.rglob("*.py") if place.is_dir() else [place]))
@@ -132,7 +160,9 @@ def main(arguments: list[str]) -> int:
     )
     share = count_function_words(paths, "--locals" in arguments)
     print(f"names: {share:.1%} of arguments and local variables are function words, at most {MOST_FUNCTION_WORDS:.0%}")
-    return int(any(is_public) or len(faults) > MOST_LISTED * len(names) or share > MOST_FUNCTION_WORDS)
+    calls = list(list_long_calls(paths))
+    print(*calls, f"names: {len(calls)} calls with more than {MOST_POSITIONAL} arguments without names", sep="\n")
+    return int(any(is_public) or len(faults) > MOST_LISTED * len(names) or share > MOST_FUNCTION_WORDS or bool(calls))
 
 
 if __name__ == "__main__":

@@ -138,12 +138,12 @@ class DriftPrior:
             return ()
         return (
             VarianceComponent(
-                "drift of the images",
-                count,
-                freedom,
-                self.of_block,
-                self.of_block * self.per_px,
-                "px/px",
-                freedom >= REDUNDANCY.estimated,
+                group="drift of the images",
+                observations=count,
+                redundancy=freedom,
+                factor=self.of_block,
+                sigma=self.of_block * self.per_px,
+                unit="px/px",
+                estimated=freedom >= REDUNDANCY.estimated,
             ),
         )

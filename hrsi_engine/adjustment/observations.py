@@ -133,21 +133,21 @@ class Observations:
         new_index = np.cumsum(~dropped) - 1
         point = new_index[self.point[keep]]
         return Observations(
-            self.images,
-            self.rows[keep],
-            self.points[~dropped],
-            point,
-            self.image[keep],
-            self.xy[keep],
-            self.sigma_px[keep],
-            np.searchsorted(point, np.arange((~dropped).sum() + 1)),
-            self.survey[~dropped],
-            self.survey_weight[~dropped],
-            self.contributes[keep],
-            self.camera_of_image,
-            None if self.survey_correlation is None else self.survey_correlation[~dropped],
-            None if self.referenced is None else self.referenced[~dropped],
-            None if self.alike is None else self.alike[~dropped],
+            images=self.images,
+            rows=self.rows[keep],
+            points=self.points[~dropped],
+            point=point,
+            image=self.image[keep],
+            xy=self.xy[keep],
+            sigma_px=self.sigma_px[keep],
+            first=np.searchsorted(point, np.arange((~dropped).sum() + 1)),
+            survey=self.survey[~dropped],
+            survey_weight=self.survey_weight[~dropped],
+            contributes=self.contributes[keep],
+            camera_of_image=self.camera_of_image,
+            survey_correlation=None if self.survey_correlation is None else self.survey_correlation[~dropped],
+            referenced=None if self.referenced is None else self.referenced[~dropped],
+            alike=None if self.alike is None else self.alike[~dropped],
         )
 
 

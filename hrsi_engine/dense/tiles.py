@@ -137,7 +137,16 @@ def rectify_tile(
     terms = cubic_terms((place - middle[:, None]) / scale[:, None])
     polynomials, *_ = np.linalg.lstsq(terms.T, np.column_stack([column, row, height]), rcond=None)
     error = float(singular[3] / np.sqrt(len(height)) / across)
-    return RectifiedTile(left, right, (int(size[0]), int(size[1])), (low, high), error, middle, scale, polynomials)
+    return RectifiedTile(
+        left=left,
+        right=right,
+        size=(int(size[0]), int(size[1])),
+        disparities=(low, high),
+        error_px=error,
+        centre=middle,
+        scale=scale,
+        polynomials=polynomials,
+    )
 
 
 class PairHeights(NamedTuple):

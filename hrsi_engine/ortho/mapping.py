@@ -368,7 +368,16 @@ def find_occlusions(
     row, column, cells = surface.window(*box)
     local = lattice - np.array([column, row, 0.0, 0.0])[:, None, None]
     highest = _find_highest(cells, VISIBILITY.block)
-    kernels.mark_occlusions(occlusion, local, spacing, first, cells, highest, VISIBILITY.block, VISIBILITY.clearance_m)
+    kernels.mark_occlusions(
+        occlusion,
+        local,
+        spacing,
+        first=first,
+        cells=cells,
+        highest=highest,
+        side=VISIBILITY.block,
+        clearance_m=VISIBILITY.clearance_m,
+    )
     return occlusion
 
 

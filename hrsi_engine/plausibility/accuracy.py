@@ -98,5 +98,16 @@ def estimate_accuracies(
         drift = max(ACCURACY.largest_drift, SIGNIFICANCE.extreme * sigma_drift)
         misfit_m = gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px)))
         usual_drift = max(ACCURACY.usual_drift, sigma_drift)
-        accuracies.append(ImageAccuracy(gsd, sigma, ce90_m, large_m, biased_m, far_m, misfit_m, usual_drift))
+        accuracies.append(
+            ImageAccuracy(
+                gsd_m=gsd,
+                sigma_m=sigma,
+                ce90_m=ce90_m,
+                large_m=large_m,
+                biased_m=biased_m,
+                far_m=far_m,
+                misfit_m=misfit_m,
+                drift=usual_drift,
+            )
+        )
     return accuracies

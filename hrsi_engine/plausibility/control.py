@@ -152,7 +152,17 @@ def collect_control(block: Block, accuracies: Sequence[ImageAccuracy]) -> Contro
     centre = np.array([one.centre_px for one in block.images])[image]
     drift = np.array([accuracy.drift for accuracy in accuracies])[image]
     expected = np.hypot(noise, drift * gsd * np.hypot(*(xy - centre).T))
-    return ControlMeasurements(block, point, image, xy, block.points.ground[point], rays, noise, expected, accuracies)
+    return ControlMeasurements(
+        block=block,
+        point=point,
+        image=image,
+        xy=xy,
+        ground=block.points.ground[point],
+        sights=rays,
+        noise_m=noise,
+        expected_m=expected,
+        accuracies=accuracies,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -117,14 +117,14 @@ def sample_pairs(block: Block, accuracies: Sequence[ImageAccuracy]) -> PairSampl
     height = surveyed_heights[np.isfinite(surveyed_heights)] if len(surveyed_heights) else np.empty(0)
     middle = float(np.median(height)) if len(height) else float(np.median([i.middle_height_m for i in block.images]))
     return PairSample(
-        block,
-        accuracies,
-        measured.point[rows],
-        np.column_stack([measured.image[rows], measured.image[rows + 1]]),
-        np.stack([measured.xy[rows], measured.xy[rows + 1]], axis=1),
-        np.maximum(measured.sigma_px[rows], measured.sigma_px[rows + 1]),
-        pair[is_sampled],
-        middle,
+        block=block,
+        accuracies=accuracies,
+        point=measured.point[rows],
+        image=np.column_stack([measured.image[rows], measured.image[rows + 1]]),
+        xy=np.stack([measured.xy[rows], measured.xy[rows + 1]], axis=1),
+        sigma_px=np.maximum(measured.sigma_px[rows], measured.sigma_px[rows + 1]),
+        pair=pair[is_sampled],
+        height_m=middle,
     )
 
 

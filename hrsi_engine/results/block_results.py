@@ -144,7 +144,17 @@ def assemble_result(
     complete = {} if selection.is_complete else iterate_tables(adjustment, residuals, selection)
     lineage, folder = lineage_items(report, report_path), os.path.dirname(report_path)
     items = [describe_item(image, new, report, folder) for image, new in pairs] if with_items else []
-    return BlockResult(adjustment, residuals, pairs, report, judged.verdict, lineage, items, layers, complete)
+    return BlockResult(
+        adjustment=adjustment,
+        residuals=residuals,
+        pairs=pairs,
+        report=report,
+        verdict=judged.verdict,
+        lineage=lineage,
+        items=items,
+        layers=layers,
+        tables=complete,
+    )
 
 
 def add_image_facts(

@@ -323,7 +323,15 @@ def _make_chips(result: Adjustment, visible: _PointSelection, outline: Outline |
         low = np.round(xy).astype(int) - half
         grey, _ = image.pixels.read(int(low[0]), int(low[1]), 2 * half + 1, 2 * half + 1)
         nothing = np.empty((0, 2))
-        chip = TargetChip(grey, low.astype(np.float64), nothing, np.empty(0, dtype=bool), curves, xy, xy - residual)
+        chip = TargetChip(
+            grey=grey,
+            origin=low.astype(np.float64),
+            edges=nothing,
+            used=np.empty(0, dtype=bool),
+            curves=curves,
+            position=xy,
+            computed=xy - residual,
+        )
         chips.append(
             PointChip(
                 id=str(block.points.ids[point]),

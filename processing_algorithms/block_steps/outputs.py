@@ -162,7 +162,9 @@ def write_results(
     with changes, stage_folder(target.output_dir, context.inputs, target.overwrite, changes, discarded) as folder:
         names = plan_file_names(images, how)
         new_files = [(image, new) for image, new in pairs if image.id in names]
-        _write_new_files(folder, new_files, names, how, curves, result.lineage, context.stage(0.0, 0.5))
+        _write_new_files(
+            folder, new_files, names, how=how, curves=curves, items=result.lineage, context=context.stage(0.0, 0.5)
+        )
         _name_outputs(report, output, how, images, names, cameras is not None)
         if curves:
             write_jitter(str(folder / JITTER_FILE), curves, {image.id: new.rpc for image, new in pairs})

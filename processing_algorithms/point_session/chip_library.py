@@ -44,7 +44,16 @@ class ChipLibrary:
         names = ("lon", "lat", "height", "sigma_xy", "sigma_h")
         lon, lat, height, sigma_xy, sigma_h = (float(self.rows[name][row]) for name in names)
         operation = str(self.rows.operation[row])
-        return SurveyPoint(str(self.rows.id[row]), lon, lat, height, ROLES[0], sigma_xy, sigma_h, operation)
+        return SurveyPoint(
+            id=str(self.rows.id[row]),
+            lon=lon,
+            lat=lat,
+            height=height,
+            role=ROLES[0],
+            sigma_xy=sigma_xy,
+            sigma_h=sigma_h,
+            operation=operation,
+        )
 
     def find_rows(self, point: SurveyPoint) -> np.ndarray:
         """Return the rows of a point's chips ``(k,)``: chips of its id near it, and chips of any id at its position."""

@@ -134,7 +134,17 @@ def find_journals(root: str | Path) -> list[JournalSession]:
                         measured[(name, image)] = ImageMeasurement(**_drop_nulls(values))
             first, time_s = entries[0], (folder / FILE).stat().st_mtime
             images, sources = tuple(first["images"]), first["sources"]
-            sessions.append(JournalSession(folder, first["path"], images, sources, points, measured, time_s))
+            sessions.append(
+                JournalSession(
+                    folder=folder,
+                    path=first["path"],
+                    images=images,
+                    sources=sources,
+                    points=points,
+                    measured=measured,
+                    time_s=time_s,
+                )
+            )
     return sessions
 
 

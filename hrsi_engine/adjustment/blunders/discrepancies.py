@@ -107,14 +107,14 @@ class Discrepancies:
         """
         gain = self.s[np.ix_(subset, excluded)] @ (self.invert_subset(excluded) if inverse is None else inverse)
         return Discrepancies(
-            self.points,
-            self.point[subset],
-            self.kind[subset],
-            self.row[subset],
-            self.axis[subset],
-            self.u[subset] - gain @ self.u[excluded],
-            self.s[np.ix_(subset, subset)] - gain @ self.s[np.ix_(excluded, subset)],
-            self.sigma[subset],
+            points=self.points,
+            point=self.point[subset],
+            kind=self.kind[subset],
+            row=self.row[subset],
+            axis=self.axis[subset],
+            u=self.u[subset] - gain @ self.u[excluded],
+            s=self.s[np.ix_(subset, subset)] - gain @ self.s[np.ix_(excluded, subset)],
+            sigma=self.sigma[subset],
         )
 
     def select_gcps(self, gcps: np.ndarray, excluded: np.ndarray, inverse: np.ndarray) -> Discrepancies:
@@ -204,7 +204,9 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
     for block in diagonal_blocks:
         s[begin : begin + len(block), begin : begin + len(block)] += block
         begin += len(block)
-    return Discrepancies(points, point, kind, row, axis, u, s, sigma, by_unknown)
+    return Discrepancies(
+        points=points, point=point, kind=kind, row=row, axis=axis, u=u, s=s, sigma=sigma, by_unknown=by_unknown
+    )
 
 
 def _stack_by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], count: int) -> sparse.csr_matrix:

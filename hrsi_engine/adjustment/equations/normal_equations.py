@@ -117,7 +117,7 @@ class NormalEquations:
 
         def add(part: Portion, thread: int) -> None:
             self._elimination.eliminate_points(
-                part, linearise(part), weight, state.ground, priors, contributes, sums[thread]
+                part, linearise(part), weight, state.ground, priors, contributes=contributes, sums=sums[thread]
             )
 
         self._for_parts(add, threads)

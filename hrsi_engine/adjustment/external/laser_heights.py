@@ -183,15 +183,15 @@ class LaserHeights:
         sigma = np.sqrt(own**2 + self.sigma_m**2 + between + rough + place)
         of, column = np.nonzero((there & (planes.share > 0.0))[even])
         return _TiesOfPoints(
-            self.usable[kept[even]],
-            self.usable[kept[~even]],
-            placed[index[even][of, column]],
-            of,
-            planes.share[even][of, column],
-            planes.slope[even],
-            sigma[even],
-            ground[placed].mean(axis=0),
-            placed,
+            laser=self.usable[kept[even]],
+            uneven=self.usable[kept[~even]],
+            point=placed[index[even][of, column]],
+            of=of,
+            share=planes.share[even][of, column],
+            slope=planes.slope[even],
+            sigma_m=sigma[even],
+            middle=ground[placed].mean(axis=0),
+            placed=placed,
         )
 
 
@@ -212,7 +212,17 @@ class _TiesOfPoints(NamedTuple):
     def make_empty(cls, ground: np.ndarray) -> _TiesOfPoints:
         """Return an empty assignment of tie points."""
         none = np.zeros(0, dtype=np.int64)
-        return cls(none, none, none, none, np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.full(3, np.nan), none)
+        return cls(
+            laser=none,
+            uneven=none,
+            point=none,
+            of=none,
+            share=np.zeros(0),
+            slope=np.zeros((0, 2)),
+            sigma_m=np.zeros(0),
+            middle=np.full(3, np.nan),
+            placed=none,
+        )
 
     def shift_m(self, ground: np.ndarray) -> float:
         """Return the distance in plan by which the mean tie point has moved, m; infinite without tie points.

@@ -144,13 +144,13 @@ class PlanObservations:
             alone_m=(east.offset_m, north.offset_m),
             groups=tuple(
                 PlanGroup(
-                    one.name,
-                    one.observations,
-                    one.offset_m,
-                    other.offset_m,
-                    max(one.sigma_m, other.sigma_m),
-                    one.wrong or other.wrong,
-                    one.left_out or other.left_out,
+                    name=one.name,
+                    observations=one.observations,
+                    east_m=one.offset_m,
+                    north_m=other.offset_m,
+                    sigma_m=max(one.sigma_m, other.sigma_m),
+                    wrong=one.wrong or other.wrong,
+                    left_out=one.left_out or other.left_out,
                 )
                 for one, other in zip(east.groups, north.groups, strict=True)
             ),

@@ -93,18 +93,18 @@ class SurfacePlan:
         relief_m = float(robust_sigma(positions[:, 2] - np.median(positions[:, 2])))
         pointing_m = float(np.median([estimate_pointing(image).sigma_m for image in images]))
         return cls(
-            tuple(image.id for image in images),
-            surface,
-            points,
-            sigma_m,
-            kind,
-            search_m,
-            pointing_m,
-            positions,
-            first,
-            relief_m,
-            cell_size_m(surface, positions[0]),
-            first,
+            images=tuple(image.id for image in images),
+            surface=surface,
+            points=points,
+            sigma_m=sigma_m,
+            kind=kind,
+            search_m=search_m,
+            pointing_m=pointing_m,
+            before=positions,
+            first=first,
+            relief_m=relief_m,
+            cell_m=cell_size_m(surface, positions[0]),
+            last=first,
         )
 
     @property
@@ -200,14 +200,14 @@ class SurfacePlan:
     def summarise(self, points: np.ndarray) -> SurfaceOutcome:
         """Return the surface's result for the part; ``points (m, 3)`` are the positions of all points of the block."""
         return SurfaceOutcome(
-            self.images,
-            self.first,
-            self.last.displacement_m,
-            self.covariance_m2,
-            self.why_open,
-            self.pointing_m,
-            self._beyond(self.pointing_m),
-            self.surface,
-            points[self.points],
-            self.before,
+            images=self.images,
+            match=self.first,
+            left_m=self.last.displacement_m,
+            covariance_m2=self.covariance_m2,
+            open=self.why_open,
+            pointing_m=self.pointing_m,
+            beyond_pointing=self._beyond(self.pointing_m),
+            surface=self.surface,
+            points=points[self.points],
+            before=self.before,
         )

@@ -93,20 +93,20 @@ def describe_parts(
             limits_m["le90_m"] = limits_m["ce90_m"] * base_to_height
         parts.append(
             DatumPart(
-                tuple(image.id for image in images),
-                part.gcps,
-                part.ties,
-                float(np.nan_to_num(prior_share[np.unique(observations.camera_of_image[part.images])]).sum()),
-                (east, north, height),
-                area["ce90_m"],
-                area["le90_m"],
-                len(eligible),
-                tuple(ids[left_out].tolist()),
-                widened,
-                contradiction,
-                gsd_m,
-                base_to_height,
-                tuple(name for name, limit_m in limits_m.items() if (area[name] or 0.0) > limit_m),
+                images=tuple(image.id for image in images),
+                gcps=part.gcps,
+                ties=part.ties,
+                by_priors=float(np.nan_to_num(prior_share[np.unique(observations.camera_of_image[part.images])]).sum()),
+                sigma_m=(east, north, height),
+                ce90_m=area["ce90_m"],
+                le90_m=area["le90_m"],
+                points=len(eligible),
+                parallel=tuple(ids[left_out].tolist()),
+                leave_one_out=widened,
+                apart=contradiction,
+                gsd_m=gsd_m,
+                base_to_height=base_to_height,
+                undetermined=tuple(name for name, limit_m in limits_m.items() if (area[name] or 0.0) > limit_m),
             )
         )
     return tuple(parts)

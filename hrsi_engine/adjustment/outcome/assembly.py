@@ -148,7 +148,15 @@ def assemble_adjustment(
     own_covariance = slice(len(problem.model.parameters))  # followed by the drift that the model does not contain
     prior_share = _compute_prior_share(loop, precise.parameters)[:, own_covariance]
     cameras = compute_final_cameras(problem, loop, solution)
-    final = FinalEstimate(problem, loop, round_findings, solution, precise, cameras, sigma0)
+    final = FinalEstimate(
+        problem=problem,
+        loop=loop,
+        findings=round_findings,
+        solution=solution,
+        precise=precise,
+        cameras=cameras,
+        sigma0=sigma0,
+    )
     covariances = _scale_covariances(final)
     parts = describe_parts(problem, solution, covariances.without_survey, prior_share, covariances.widened)
     plan = _judge_plan(problem, solution, precise)
@@ -242,16 +250,16 @@ def _join_cameras(final: FinalEstimate) -> JointCameras:
     blocks /= scale[pattern.rows][:, None, None]
     gcps = np.array([part.gcps for part in problem.parts])[_number_parts(problem)]
     return JointCameras(
-        tuple(image.id for image in observations.images),
-        observations.camera_of_image,
-        tuple(problem.camera.parameters),
-        solution.state.values,
-        pattern.rows,
-        pattern.columns,
-        blocks,
-        fixed,
-        final.cameras.squares,
-        gcps,
+        images=tuple(image.id for image in observations.images),
+        camera=observations.camera_of_image,
+        parameters=tuple(problem.camera.parameters),
+        values=solution.state.values,
+        rows=pattern.rows,
+        columns=pattern.columns,
+        blocks=blocks,
+        fixed=fixed,
+        squares=final.cameras.squares,
+        gcps=gcps,
     )
 
 

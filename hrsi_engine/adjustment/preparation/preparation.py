@@ -249,10 +249,10 @@ class Preparation:
                     images,
                     options.dem,
                     points,
-                    self.by_rpcs,
-                    options.sigma_dem_m,
-                    options.surface_kind,
-                    options.surface_search_m,
+                    ground=self.by_rpcs,
+                    sigma_m=options.sigma_dem_m,
+                    kind=options.surface_kind,
+                    search_m=options.surface_search_m,
                 )
             )
         self.surfaces = tuple(match for match in matches if match is not None)

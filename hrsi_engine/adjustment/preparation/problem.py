@@ -60,15 +60,15 @@ class Problem:
     def loop(self) -> GaussNewton:
         """Return Gauss-Newton iterations for the problem."""
         return GaussNewton(
-            self.equations,
-            self.pattern,
-            self.prior_weight,
-            np.diff(self.observations.first),
-            self.options.max_iterations,
-            self.options.robust,
-            self.options.tolerance,
-            self.position_observations,
-            self.earlier,
+            equations=self.equations,
+            pattern=self.pattern,
+            prior_weight=self.prior_weight,
+            rows_per_point=np.diff(self.observations.first),
+            max_iterations=self.options.max_iterations,
+            robust=self.options.robust,
+            tolerance=self.options.tolerance,
+            external=self.position_observations,
+            earlier=self.earlier,
         )
 
     @property

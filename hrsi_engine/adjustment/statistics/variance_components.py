@@ -290,13 +290,13 @@ def list_components(
     given = groups.find_median_sigmas(observations)
     return tuple(
         VarianceComponent(
-            name,
-            int(sums[k, 2]),
-            float(sums[k, 1]),
-            float(sigmas.factor[k]),
-            float(sigmas.factor[k] * given[k]),
-            "m" if name in SURVEY_GROUPS else "px",
-            bool(sums[k, 1] >= REDUNDANCY.estimated and sigmas.free[k]),
+            group=name,
+            observations=int(sums[k, 2]),
+            redundancy=float(sums[k, 1]),
+            factor=float(sigmas.factor[k]),
+            sigma=float(sigmas.factor[k] * given[k]),
+            unit="m" if name in SURVEY_GROUPS else "px",
+            estimated=bool(sums[k, 1] >= REDUNDANCY.estimated and sigmas.free[k]),
         )
         for k, name in enumerate(groups.names)
         if sums[k, 2] > 0

@@ -80,7 +80,15 @@ def read_asp_gcps(path: str, _layer: str = "") -> PointTable:
             "bundle_adjust does by default",
         )
     geometry = np.column_stack([lon, lat, height])
-    return PointTable(path, columns, _ASP_FIELDS, lambda row: f"line {rows[row][0]}", geometry, "EPSG:4979", notes)
+    return PointTable(
+        source=path,
+        columns=columns,
+        field_names=_ASP_FIELDS,
+        row_name=lambda row: f"line {rows[row][0]}",
+        geometry=geometry,
+        crs="EPSG:4979",
+        notes=notes,
+    )
 
 
 def _parse_line(path: str, number: int, fields: list[str]) -> list[_Row]:
@@ -220,7 +228,15 @@ def read_qgis_points(path: str, _layer: str = "") -> PointTable:
         "line": -get_column("sourcey", "pixely") - 0.5,
     }
     notes = (f"{path}: {disabled} points are switched off and left out",) if disabled > 0 else ()
-    return PointTable(path, columns, tuple(names), lambda row: f"point {body[row][0]}", geometry, crs, notes)
+    return PointTable(
+        source=path,
+        columns=columns,
+        field_names=tuple(names),
+        row_name=lambda row: f"point {body[row][0]}",
+        geometry=geometry,
+        crs=crs,
+        notes=notes,
+    )
 
 
 QGIS_POINTS = PointReader(

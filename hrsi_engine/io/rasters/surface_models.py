@@ -13,6 +13,7 @@ import pyproj
 from osgeo import gdal
 
 from ...foundation.errors import InputError
+from ...foundation.pixel_filters import STRETCH
 from ...foundation.progress import Progress, advance
 from ...ground.crs_operations import operations_of
 from ...ground.proj_operations import has_heights
@@ -118,6 +119,6 @@ class ShadedSurface(GdalRaster):
         slope = (right + down) / np.sqrt(2.0)
         shade = slope / (1.0 + np.abs(slope))  # -1 to 1: walls and trees do not use up the range
         valid &= np.isfinite(shade)
-        low, high = np.percentile(height[valid], [2.0, 98.0]) if valid.any() else (0.0, 0.0)
+        low, high = np.percentile(height[valid], STRETCH.view_percent) if valid.any() else (0.0, 0.0)
         tone = np.clip((height - low) / (high - low), 0.0, 1.0) if high > low else 0.5
         return np.where(valid, tone + shade, 0.0).astype(np.float32), valid

@@ -130,15 +130,15 @@ class CornerDetector:
         threshold, unknown = options.super_threshold or 0.0, np.full(len(xy), np.nan)
         quality = strength / (strength + max(threshold, 1e-30))  # 0.5 at TA
         return InterestPoints(
-            xy,
-            np.where(strength > threshold, SUPER, CORNER).astype("U9"),
-            sigma_px[:, None, None] ** 2 * np.eye(2),
-            strength.astype(np.float64),
-            quality.astype(np.float64),
-            np.full((len(xy), 2), np.nan),
-            unknown,
-            unknown,
-            unknown,
+            xy=xy,
+            kind=np.where(strength > threshold, SUPER, CORNER).astype("U9"),
+            covariance_px2=sigma_px[:, None, None] ** 2 * np.eye(2),
+            strength=strength.astype(np.float64),
+            quality=quality.astype(np.float64),
+            size_px=np.full((len(xy), 2), np.nan),
+            azimuth_rad=unknown,
+            contrast=unknown,
+            rmse_px=unknown,
         )
 
 
@@ -167,15 +167,15 @@ def _tabulate_centres(centres: list[GravityCentre]) -> InterestPoints:
     if not centres:
         return make_empty_points()
     return InterestPoints(
-        np.array([c.xy for c in centres]),
-        np.array([c.kind for c in centres], dtype="U9"),
-        np.array([c.covariance_px2 for c in centres]),
-        np.array([abs(c.contrast) for c in centres]),
-        DETECTION.shape_chance * np.array([c.quality for c in centres]),
-        np.array([c.size_px for c in centres]),
-        np.array([c.azimuth_rad for c in centres]),
-        np.array([c.contrast for c in centres]),
-        np.array([c.rmse_px for c in centres]),
+        xy=np.array([c.xy for c in centres]),
+        kind=np.array([c.kind for c in centres], dtype="U9"),
+        covariance_px2=np.array([c.covariance_px2 for c in centres]),
+        strength=np.array([abs(c.contrast) for c in centres]),
+        quality=DETECTION.shape_chance * np.array([c.quality for c in centres]),
+        size_px=np.array([c.size_px for c in centres]),
+        azimuth_rad=np.array([c.azimuth_rad for c in centres]),
+        contrast=np.array([c.contrast for c in centres]),
+        rmse_px=np.array([c.rmse_px for c in centres]),
     )
 
 
@@ -186,15 +186,15 @@ def _tabulate_blobs(blobs: Blobs, window: DetectionWindow) -> InterestPoints:
     size, azimuth, uneven = blobs.ellipse()
     contrast = blobs.grey_contrast(window.grey)
     return InterestPoints(
-        blobs.xy + window.origin,
-        np.full(len(blobs.xy), BLOB, dtype="U9"),
-        blobs.sigma_px[:, None, None] ** 2 * np.eye(2),
-        np.abs(contrast),
-        blobs.chance,
-        size,
-        azimuth,
-        contrast,
-        uneven,
+        xy=blobs.xy + window.origin,
+        kind=np.full(len(blobs.xy), BLOB, dtype="U9"),
+        covariance_px2=blobs.sigma_px[:, None, None] ** 2 * np.eye(2),
+        strength=np.abs(contrast),
+        quality=blobs.chance,
+        size_px=size,
+        azimuth_rad=azimuth,
+        contrast=contrast,
+        rmse_px=uneven,
     )
 
 

@@ -78,7 +78,13 @@ class InterestPoints(Columns):
         width = len(str(max(len(self), 1)))
         ids = [f"{prefix}{number + 1:0{width}d}" for number in range(len(self))]
         return ImagePoints(
-            ids, [image_id] * len(self), self.xy, self.sigma_px, self.kind, self.quality, "interest points"
+            ids=ids,
+            image_ids=[image_id] * len(self),
+            xy=self.xy,
+            sigma_px=self.sigma_px,
+            kind=self.kind,
+            quality=self.quality,
+            source="interest points",
         )
 
 
@@ -95,15 +101,15 @@ def make_empty_points() -> InterestPoints:
     """Return a table without rows."""
     nothing = np.empty(0)
     return InterestPoints(
-        np.empty((0, 2)),
-        np.empty(0, dtype="U9"),
-        np.empty((0, 2, 2)),
-        nothing,
-        nothing,
-        np.empty((0, 2)),
-        nothing,
-        nothing,
-        nothing,
+        xy=np.empty((0, 2)),
+        kind=np.empty(0, dtype="U9"),
+        covariance_px2=np.empty((0, 2, 2)),
+        strength=nothing,
+        quality=nothing,
+        size_px=np.empty((0, 2)),
+        azimuth_rad=nothing,
+        contrast=nothing,
+        rmse_px=nothing,
     )
 
 

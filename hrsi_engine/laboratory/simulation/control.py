@@ -202,13 +202,13 @@ def measure_points(
     kind = np.where(role[truth.point] == Role.TIE, "", "center")
     return (
         ImagePoints(
-            ids[truth.point].tolist(),
-            image_ids[truth.image].tolist(),
-            xy,
-            max(noise.image_px, 0.01),
-            kind,
-            1.0,
-            "simulation",
+            ids=ids[truth.point].tolist(),
+            image_ids=image_ids[truth.image].tolist(),
+            xy=xy,
+            sigma_px=max(noise.image_px, 0.01),
+            kind=kind,
+            quality=1.0,
+            source="simulation",
         ),
         blunder,
     )

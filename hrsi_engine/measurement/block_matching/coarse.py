@@ -212,16 +212,16 @@ def estimate_pair(job: CoarseJob, matches: PartResult) -> PairEstimate | None:
     reach = SIGNIFICANCE.sigmas * sigma + noise_px / stretch
     low, high = np.percentile(miss.height_m, (1.0, 99.0))
     geometry = TilePairGeometry(
-        first,
-        second,
-        min(low, float(grid.heights_m.min())) - reach,
-        max(high, float(grid.heights_m.max())) + reach,
-        (across * normal[0], across * normal[1]),
-        (noise_px, SIGNIFICANCE.sigmas * across_sigma + noise_px),
-        grid,
-        sigma,
-        contrasts,
-        np.column_stack([first_xy, second_xy]),
+        first=first,
+        second=second,
+        lowest_m=min(low, float(grid.heights_m.min())) - reach,
+        highest_m=max(high, float(grid.heights_m.max())) + reach,
+        bias_px=(across * normal[0], across * normal[1]),
+        margin_px=(noise_px, SIGNIFICANCE.sigmas * across_sigma + noise_px),
+        heights=grid,
+        height_sigma_m=sigma,
+        contrasts=contrasts,
+        seeds=np.column_stack([first_xy, second_xy]),
     )
     return PairEstimate(geometry, len(first_xy))
 

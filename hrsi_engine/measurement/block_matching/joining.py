@@ -88,15 +88,15 @@ def collect_matches(results: Sequence[tuple[int, PartResult]]) -> BlockMatches:
     if not nonempty:
         nothing, no_index = np.empty(0), np.empty(0, np.int64)
         return BlockMatches(
-            no_index,
-            no_index,
-            no_index,
-            np.empty((0, 2)),
-            np.empty((0, 2)),
-            nothing,
-            nothing,
-            np.empty(0, "U9"),
-            nothing,
+            track=no_index,
+            first=no_index,
+            second=no_index,
+            first_xy=np.empty((0, 2)),
+            second_xy=np.empty((0, 2)),
+            sigma_px=nothing,
+            quality=nothing,
+            kind=np.empty(0, "U9"),
+            height_m=nothing,
         )
     columns = {name: np.concatenate([result[name] for _, result in nonempty]) for name in names}
     second = np.concatenate([result["partner"] for _, result in nonempty])
@@ -361,9 +361,9 @@ def to_image_points(
     rows = rows[np.lexsort((image[rows], of_track[rows]))]
     ids = np.char.zfill(np.cumsum(is_selected)[of_track[rows]].astype(str), len(str(int(is_selected.sum()))))
     points = ImagePoints(
-        np.char.add("T", ids), np.array([one.id for one in images])[image[rows]], xy[rows],
-        np.hypot(np.r_[sigma, match_sigma], camera)[rows], np.r_[matches.kind[head], matches.kind][rows],
-        np.r_[quality, matches.quality][rows], "tie points",
+        ids=np.char.add("T", ids), image_ids=np.array([one.id for one in images])[image[rows]], xy=xy[rows],
+        sigma_px=np.hypot(np.r_[sigma, match_sigma], camera)[rows], kind=np.r_[matches.kind[head], matches.kind][rows],
+        quality=np.r_[quality, matches.quality][rows], source="tie points",
     )  # fmt: skip
     return points, ground[is_selected]
 

@@ -69,14 +69,14 @@ class RelativeCameras:
         turn, _ = _linearise_transfer(job.first, job.second, xy, height)
         bias = self.shift_px[second] - turn @ self.shift_px[first]
         geometry = TilePairGeometry(
-            job.first.rpc,
-            job.second.rpc,
-            float(height.min()) - reach,
-            float(height.max()) + reach,
-            (float(bias[0]), float(bias[1])),
-            (margin, margin),
-            grid,
-            sigma,
+            first=job.first.rpc,
+            second=job.second.rpc,
+            lowest_m=float(height.min()) - reach,
+            highest_m=float(height.max()) + reach,
+            bias_px=(float(bias[0]), float(bias[1])),
+            margin_px=(margin, margin),
+            heights=grid,
+            height_sigma_m=sigma,
         )
         return PairEstimate(geometry, 0)
 

@@ -341,13 +341,13 @@ def _select_matches(task: _Task, table: _MatchTable) -> TileMatches:
     direction = np.mean(np.einsum("nij,nj->ni", frame.compute_jacobians(points), frame.parallax(points)[0]), axis=0)
     direction /= max(float(np.linalg.norm(direction)), EPIPOLAR.least_stretch)
     matches = TileMatches(
-        xy,
-        frame.second.to_image(table.xy[matched]),
-        sigma * scale,
-        1.0 / (1.0 + (sigma * scale / (TILE_MATCH.expected_sigma_px * frame.second.step)) ** 2),
-        np.full(len(matched), "corner", dtype="U9"),
-        fit.miss.height_m,
-        np.asarray(frame.geometry.bias_px) + offset * np.array([-direction[1], direction[0]]),
-        task.chosen[0][0] if task.chosen[0][1] else "",
+        first_xy=xy,
+        second_xy=frame.second.to_image(table.xy[matched]),
+        sigma_px=sigma * scale,
+        quality=1.0 / (1.0 + (sigma * scale / (TILE_MATCH.expected_sigma_px * frame.second.step)) ** 2),
+        kind=np.full(len(matched), "corner", dtype="U9"),
+        height_m=fit.miss.height_m,
+        bias_px=np.asarray(frame.geometry.bias_px) + offset * np.array([-direction[1], direction[0]]),
+        band=task.chosen[0][0] if task.chosen[0][1] else "",
     )
     return matches.select(accepted)

@@ -73,10 +73,10 @@ def match_patches(
             0,
             len(rows),
             (first.grey, *first.slopes, second.coefficients),
-            centre[rows],
-            options.make_weights(),
-            (options.iterations, options.closure_px, options.reach_px),
-            part,
+            centre=centre[rows],
+            weight=options.make_weights(),
+            limits=(options.iterations, options.closure_px, options.reach_px),
+            results=part,
         )
         for column, values in zip(results, part, strict=True):
             column[rows] = values
@@ -93,7 +93,15 @@ def match_patches(
     # The order of sums in compiled loops depends on memory addresses. Differences far below a millionth of a pixel are
     # rounded off, so that threads, processes and interrupted runs give equal points
     xy, shape, covariance, figures = xy.round(6), shape.round(9), covariance.round(12), figures.round(9)
-    return PatchMatches(xy, shape, covariance, figures[:, 0], figures[:, 1], figures[:, 2], status)
+    return PatchMatches(
+        xy=xy,
+        affine=shape,
+        covariance=covariance,
+        correlation=figures[:, 0],
+        gain=figures[:, 1],
+        rms=figures[:, 2],
+        status=status,
+    )
 
 
 class SearchPeaks(NamedTuple):
