@@ -204,9 +204,7 @@ def compute_discrepancies(problem: Problem, loop: GaussNewton, solution: Solutio
     for block in diagonal_blocks:
         s[begin : begin + len(block), begin : begin + len(block)] += block
         begin += len(block)
-    return Discrepancies(
-        points=points, point=point, kind=kind, row=row, axis=axis, u=u, s=s, sigma=sigma, by_unknown=by_unknown
-    )
+    return Discrepancies(points, point, kind, row, axis, u, s=s, sigma=sigma, by_unknown=by_unknown)
 
 
 def _stack_by_unknown(blocks: list[np.ndarray], unknowns: list[np.ndarray], count: int) -> sparse.csr_matrix:

@@ -81,13 +81,7 @@ def read_asp_gcps(path: str, _layer: str = "") -> PointTable:
         )
     geometry = np.column_stack([lon, lat, height])
     return PointTable(
-        source=path,
-        columns=columns,
-        field_names=_ASP_FIELDS,
-        row_name=lambda row: f"line {rows[row][0]}",
-        geometry=geometry,
-        crs="EPSG:4979",
-        notes=notes,
+        path, columns, _ASP_FIELDS, lambda row: f"line {rows[row][0]}", geometry, crs="EPSG:4979", notes=notes
     )
 
 
@@ -228,15 +222,7 @@ def read_qgis_points(path: str, _layer: str = "") -> PointTable:
         "line": -get_column("sourcey", "pixely") - 0.5,
     }
     notes = (f"{path}: {disabled} points are switched off and left out",) if disabled > 0 else ()
-    return PointTable(
-        source=path,
-        columns=columns,
-        field_names=tuple(names),
-        row_name=lambda row: f"point {body[row][0]}",
-        geometry=geometry,
-        crs=crs,
-        notes=notes,
-    )
+    return PointTable(path, columns, tuple(names), lambda row: f"point {body[row][0]}", geometry, crs=crs, notes=notes)
 
 
 QGIS_POINTS = PointReader(
