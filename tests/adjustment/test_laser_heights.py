@@ -18,6 +18,7 @@ from hrsi.hrsi_engine.block.laser import LaserPoints
 from hrsi.hrsi_engine.foundation.thresholds import ITERATIONS
 from hrsi.hrsi_engine.ground.geodesy import metres_per_degree, move_ground
 from hrsi.hrsi_engine.laboratory.simulation.options import LaserSpec
+from hrsi.hrsi_engine.plausibility.laser_quality import find_laser_reasons
 from hrsi.hrsi_engine.results.judged_block import judge
 from hrsi.hrsi_engine.surface.grid_surface import GridSurface
 
@@ -217,6 +218,12 @@ def make_level_ties() -> tuple[LaserHeights, np.ndarray]:
     )
     laser = LaserPoints(np.array([[7.0, 45.0, 300.0]]))
     return LaserHeights(laser, np.arange(1), np.arange(len(ground)), 15.0, 0.0), ground
+
+
+def test_laser_points_in_grass_are_kept_and_those_in_forests_are_left_out():
+    """Images show the ground between grass and shrubs, and the crowns of a forest: 15 m (FAO: above 5 m)."""
+    points = LaserPoints(np.array([[7.0, 45.0, 300.0], [7.1, 45.0, 300.0]]), canopy_m=np.array([0.5, 15.0]))
+    assert [bool(reason) for reason in find_laser_reasons(points)] == [False, True]
 
 
 def test_laser_heights_that_state_no_sigma_have_a_usual_one():
