@@ -391,6 +391,20 @@ def _residual_layer(one: RpcSet, observations: Observations, kept: np.ndarray, p
     return Layer(f"residuals_{one.name}", "PointZ", WGS84, at, fields)
 
 
+def _compare_sets(report: Report) -> str:
+    """Return one figure of each set in a line: of tracks, else of check points or control; empty without any."""
+    for part, key, what in (
+        ("", "predicted_rmse_px", "positions predicted from other images"),
+        ("check", "rmse_line_px", "lines of check points"),
+        ("control", "rmse_line_px", "lines of control points"),
+    ):
+        entries = {name: entry[part] if part else entry for name, entry in report["sets"].items()}
+        figures = {name: entry[key] for name, entry in entries.items() if entry and entry[key] is not None}
+        if figures:
+            return f"{what}, RMSE: " + ", ".join(f"{name} {value:.2f} px" for name, value in figures.items())
+    return ""
+
+
 def summarise(report: Report) -> str:
     """Return a table of the sets of RPCs, with figures by image, the warnings, and the best set."""
     sets, tracks = report["sets"], report["tracks"]
@@ -425,8 +439,10 @@ def summarise(report: Report) -> str:
     width, cell = max(map(len, rows)), max(12, 2 + max(map(len, sets)))
     views = ", ".join(f"{count} on {k}" for k, count in tracks["by_views"].items())
     lines = [
-        f"{tracks['points']} tracks ({views or 'none'} images), {tracks['wrong']} wrong ones left out, "
-        f"{any_set['predictions']} predictions",
+        f"{tracks['points']} tracks ({views} images), {tracks['wrong']} wrong ones left out, "
+        f"{any_set['predictions']} predictions"
+        if tracks["points"]
+        else "no tracks",
         f"{'':<{width}}" + "".join(f"{name:>{cell}}" for name in sets),
         *(
             f"{label:<{width}}" + "".join(f"{format_digits(value):>{cell}}" for value in values)
@@ -436,4 +452,5 @@ def summarise(report: Report) -> str:
     ]
     lines += [f"warning: {text}" for text in report["warnings"]]
     first = next((name for name in report["best"].values() if name), None)
-    return "\n".join([*lines, *([f"best: {first}"] if len(sets) > 1 and first else [])])
+    last = [_compare_sets(report), f"best: {first}" if len(sets) > 1 and first else ""]
+    return "\n".join([*lines, "; ".join(filter(None, last))]).rstrip()

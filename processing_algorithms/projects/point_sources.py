@@ -47,6 +47,7 @@ DATUM_WORDS = (
         r"cop(ernicus)?.?(dem|dsm|glo)|aw3d|nasadem",
     ),
 )
+GEOCENTRIC = "EPSG:4978"  #: X, Y, Z from the centre of the Earth, as GNSS software writes them
 HEIGHT_UNKNOWN, HEIGHT_MISSING = "the height datum is not known", "have no height"  #: words of warnings of the reader
 
 
@@ -256,6 +257,7 @@ def _list_crs(spec: str, region: np.ndarray) -> Iterator[str]:
         xy = np.column_stack([table.columns["x"], table.columns["y"]])
     if np.isfinite(xy).any():
         yield from list_local_crs(region.mean(axis=0), np.nanmedian(xy, axis=0))
+        yield GEOCENTRIC
 
 
 def _list_fields(spec: str) -> Iterator[list[str]]:

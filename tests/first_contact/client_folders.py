@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import folders
+import pyproj
 from osgeo import gdal
 
 from hrsi.hrsi_engine.io.rpc_files import read_rpc, write_rpc_text
@@ -275,6 +276,16 @@ def orthometric_control_without_dem(source: folders.Source, folder: Path) -> Non
     folders.write_csv(folder / "gcps.csv", rows, ["id", "lon", "lat", "height"], header=["id", "lon", "lat", "H egm96"])
 
 
+def geocentric(source: folders.Source, folder: Path) -> None:
+    """X, Y, Z of GNSS software."""
+    folders.copy(source, folder)
+    to_xyz = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
+    places = [to_xyz.transform(*(float(row[name]) for name in ("lon", "lat", "height"))) for row in source.ground]
+    rows = [{"id": row["id"], **dict(zip("xyz", map("{:.4f}".format, xyz), strict=True))}
+            for row, xyz in zip(source.ground, places, strict=True)]  # fmt: skip
+    folders.write_csv(folder / "gcps.csv", rows, ["id", "x", "y", "z"], header=["Punkt", "X", "Y", "Z"])
+
+
 def swapped_geojson(source: folders.Source, folder: Path) -> None:
     folders.copy(source, folder)
     (folder / "gcps.csv").unlink()
@@ -532,4 +543,5 @@ CLIENT_FOLDERS: tuple[Callable[[folders.Source, Path], None], ...] = (
     orthoimage_with_rpc_left, ascii_dem_without_crs, points_not_measured, two_surveys, holes_and_zeros,
     csv_per_image_with_pixels, text_per_image_with_pixels, geojson_per_image_with_pixels, heights_of_zero,
     images_by_number, png_with_rpc_file, spreadsheets_only, gps_waypoints, orthometric_control_without_dem,
+    geocentric,
 )  # fmt: skip
