@@ -280,6 +280,14 @@ def test_values_of_rpcm_json(real_data: Path) -> None:
     np.testing.assert_allclose(centre[:2], [-81.66377836684407, 30.3487524532743], atol=2e-4)  # its "center"; 20 m
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_text_with_a_byte_order_mark(encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene_RPC.TXT"
+    write_rpc_text(str(path), sample_rpc(5))
+    path.write_text(path.read_text(), encoding=encoding)
+    assert read_rpc(str(path)).rpc == sample_rpc(5)
+
+
 def test_units_and_missing_accuracies(tmp_path: Path) -> None:
     file = tmp_path / "x_rpc.txt"
     rpc = sample_rpc(5)

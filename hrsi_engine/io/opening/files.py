@@ -3,6 +3,7 @@
 Parsing of numbers in text: the complete text is a number or none, so ``43,5`` is never read as 43.
 """
 
+import codecs
 import json
 import math
 import os
@@ -50,10 +51,11 @@ def read_bytes(path: str, kind: str = "RPC") -> bytes:
 
 
 def read_text(path: str, kind: str = "RPC") -> str:
-    """Return a file's text, as UTF-8 or, if that fails, as Latin-1, which cannot fail; raises as `read_bytes`."""
+    """Return a file's text, as UTF-16 by its mark, UTF-8 or, if that fails, Latin-1; raises as `read_bytes`."""
     content = read_bytes(path, kind)
+    is_marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # some editors save texts so
     try:
-        return content.decode("utf-8-sig")
+        return content.decode("utf-16" if is_marked else "utf-8-sig")
     except UnicodeDecodeError:
         return content.decode("latin-1")
 
