@@ -128,7 +128,7 @@ def rpc_of_dataset(path: str, dataset: gdal.Dataset) -> FoundRpc:
         difference = _describe_difference(rpc_source.rpc, lambda: FoundRpc(fields.rpc_from_entries(path, by_gdal), ""))
         ignored += (f"what GDAL {gdal.__version__} reads{difference}",) if difference else ()
     elif not by_gdal and any(side_files(path).values()):
-        rpc_source = replace(rpc_source, source=f"{rpc_source.source}, which GDAL does not read beside this image")
+        rpc_source = replace(rpc_source, source=f"{rpc_source.source}, which GDAL does not read next to this image")
     sensor = (
         rpc_source.sensor or metadata_of(dataset, "IMAGERY").get("SATELLITEID", "") or metadata.get(SENSOR_ITEM, "")
     )
