@@ -9,7 +9,7 @@ STALE = 0.02
 #: A limit that is not kept yet: the most that it may be until then, and why.
 NOT_YET = {
     "product lines without the laboratory": (73_300, "the formatter lays out calls and signatures: 2300 lines more"),
-    "lines of tests": (48_073, "nearly every test has a property of its own; oracles take some over"),
+    "lines of tests": (47_760, "nearly every test has a property of its own; oracles take some over"),
 }
 
 

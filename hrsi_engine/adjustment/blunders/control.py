@@ -285,17 +285,7 @@ class _SuspectSearch:
         if undecided:
             rivals = tuple(sorted(set().union(*alternatives) - set(group)))
             worst = max((self._explain_gcp(group, gcp, factor) for gcp in undecided), key=lambda one: one.statistic)
-            suspects.append(
-                Suspect(
-                    gcp=worst.gcp,
-                    what=worst.what,
-                    row=worst.row,
-                    statistic=worst.statistic,
-                    error=worst.error,
-                    group=undecided,
-                    rivals=rivals,
-                )
-            )
+            suspects.append(replace(worst, group=undecided, rivals=rivals))
         return suspects
 
     def _list_alternatives(self, group: tuple[int, ...], factor: VarianceFactor) -> Iterator[tuple[int, ...]]:

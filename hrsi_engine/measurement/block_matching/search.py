@@ -336,15 +336,7 @@ class TieSearch:
             partner = Partner(second, job.second, estimate.geometry)
             options = choose_match_options(self.options, job.first)
             options = replace(options, largest_sigma_px=TIE_SEARCH.completed_sigma_px)
-            transfer = TransferJob(
-                number=first,
-                reference=job.first,
-                windows=windows,
-                xy=xy,
-                height_m=height,
-                partner=partner,
-                options=options,
-            )
+            transfer = TransferJob(first, job.first, windows, xy, height, partner=partner, options=options)
             key = digest(VERSION, self._marks[first], self._marks[second], estimate.geometry, xy, height, options)
             parts.append(WorkPart(f"points-{key}", transfer_star, transfer, label=f"completing {job.first.id}"))
         if parts:
