@@ -391,20 +391,6 @@ def _residual_layer(one: RpcSet, observations: Observations, kept: np.ndarray, p
     return Layer(f"residuals_{one.name}", "PointZ", WGS84, at, fields)
 
 
-def _compare_sets(report: Report) -> str:
-    """Return one figure of each set in a line: of tracks, else of check points or control; empty without any."""
-    for part, key, what in (
-        ("", "predicted_rmse_px", "positions predicted from other images"),
-        ("check", "rmse_line_px", "lines of check points"),
-        ("control", "rmse_line_px", "lines of control points"),
-    ):
-        entries = {name: entry[part] if part else entry for name, entry in report["sets"].items()}
-        figures = {name: entry[key] for name, entry in entries.items() if entry and entry[key] is not None}
-        if figures:
-            return f"{what}, RMSE: " + ", ".join(f"{name} {value:.2f} px" for name, value in figures.items())
-    return ""
-
-
 def summarise(report: Report) -> str:
     """Return a table of the sets of RPCs, with figures by image, the warnings, and the best set."""
     sets, tracks = report["sets"], report["tracks"]
@@ -444,13 +430,14 @@ def summarise(report: Report) -> str:
         if tracks["points"]
         else "no tracks",
         f"{'':<{width}}" + "".join(f"{name:>{cell}}" for name in sets),
-        *(
-            f"{label:<{width}}" + "".join(f"{format_digits(value):>{cell}}" for value in values)
-            for label, values in rows.items()
-            if any(value is not None for value in values)
-        ),
     ]
+    known = {label: values for label, values in rows.items() if any(value is not None for value in values)}
+    for label, values in known.items():
+        lines.append(f"{label:<{width}}" + "".join(f"{format_digits(value):>{cell}}" for value in values))
     lines += [f"warning: {text}" for text in report["warnings"]]
     first = next((name for name in report["best"].values() if name), None)
-    last = [_compare_sets(report), f"best: {first}" if len(sets) > 1 and first else ""]
-    return "\n".join([*lines, "; ".join(filter(None, last))]).rstrip()
+    last = [f"best: {first}"] if len(sets) > 1 and first else []
+    for label, values in list(known.items())[:1]:
+        told = (f"{name} {format_digits(value)}" for name, value in zip(sets, values, strict=True))
+        last = [f"{label}: {', '.join(told)}", *last]
+    return "\n".join([*lines, "; ".join(last)]).rstrip()

@@ -21,7 +21,7 @@ from ...hrsi_engine.ground.geodesy import ground_difference_m, metres_per_degree
 from ...hrsi_engine.ground.map_crs import LOCAL_CRS
 from ...hrsi_engine.io.geopackage.layer_tables import layer_names, text_columns
 from ...hrsi_engine.io.point_files import PointTables
-from ...hrsi_engine.io.point_files.csv_text import count_header_rows, parse_field, read_lines, split_rows
+from ...hrsi_engine.io.point_files.csv_text import ENDINGS, count_header_rows, parse_field, read_lines, split_rows
 from ...hrsi_engine.io.point_files.find import read_table
 from ...hrsi_engine.io.point_files.interpret import matching_names
 from ...hrsi_engine.io.point_files.table import match_fields
@@ -52,6 +52,11 @@ class TextTable:
         whole = [k for k in range(len(self.columns)) if not (np.mod(self.numbers[:, k], 1.0) > 0.0).any()]
         unique = (k for k in whole if len(set(self.columns[k])) == len(self.columns[k]))
         return next(unique, whole[0] if whole else None) if named is None else named
+
+
+def is_text(path: str) -> bool:
+    """Return whether a file is a text table by its name."""
+    return path.lower().removesuffix(".gz").endswith(ENDINGS)
 
 
 def read_text_table(path: str) -> TextTable | None:

@@ -1,6 +1,5 @@
 """Point files of a folder: how each is read, and what its points are in the block: GCPs, check points, tie points."""
 
-import csv
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,17 +13,18 @@ import pyproj
 
 from ...hrsi_engine.block.block import Image
 from ...hrsi_engine.block.points import GroundPoints, ImagePoints, Role, are_apart
-from ...hrsi_engine.foundation.errors import HrsiError, InputError, list_ids
+from ...hrsi_engine.foundation.errors import HrsiError, InputError
 from ...hrsi_engine.foundation.thresholds import EQUALITY, SAMPLES
 from ...hrsi_engine.ground.geodesy import ground_difference_m
 from ...hrsi_engine.ground.map_crs import list_local_crs
 from ...hrsi_engine.io.geopackage.layer_tables import layer_names
-from ...hrsi_engine.io.point_files import PointTables, csv_text, read_points
+from ...hrsi_engine.io.point_files import PointTables, read_points
 from ...hrsi_engine.io.point_files.find import read_table
 from ...hrsi_engine.io.point_files.table import match_fields
 from ...hrsi_engine.plausibility.places import SURVEY
 from . import column_roles
 from .column_roles import POSITION_NAMES, match_image, share_near
+from .unusable_points import find_fault, holds_ids
 
 #: Words of file names and of fields that state the role of points.
 CHECK_WORDS = re.compile(r"(?<![a-z])(check|chk|cp|icp|ckp|validation|verif|test|kontroll?|pruef)", re.IGNORECASE)
@@ -49,9 +49,6 @@ DATUM_WORDS = (
 )
 GEOCENTRIC = "EPSG:4978"  #: X, Y, Z from the centre of the Earth, as GNSS software writes them
 HEIGHT_UNKNOWN, HEIGHT_MISSING = "the height datum is not known", "have no height"  #: words of warnings of the reader
-
-
-POINT_FIELDS = ({"lon", "lat"}, {"x", "y", "height"}, {"image", "sample", "line"})
 
 
 @dataclass
@@ -118,8 +115,8 @@ def read_sources(
     surveyed = {name for one in found for name in one.ground_ids}
     measured = {name for one in found for name in one.measured_ids}
     for path in rest:
-        measures, surveys = _holds_ids(path, surveyed - measured), _holds_ids(path, measured - surveyed)
-        if fault := _find_fault(path, region, crs_names, images, measures or surveys):
+        measures, surveys = holds_ids(path, surveyed - measured), holds_ids(path, measured - surveyed)
+        if fault := find_fault(path, region, crs_names, images, measures or surveys):
             found.append(PointSource(path, [path], fault=fault, measures=measures))
     return found
 
@@ -130,96 +127,6 @@ def _place_ids(sources: Sequence[PointSource]) -> dict[str, np.ndarray]:
     return {str(name): xyz for table in tables for name, xyz in zip(table.ids, table.ground, strict=True)}
 
 
-def _holds_ids(path: str, ids: set[str]) -> bool:
-    """Return whether a text or vector file has most of some ids, in its first or its id column."""
-    if len(ids) < SAMPLES.plane:
-        return False
-    with suppress(HrsiError, OSError, UnicodeError):
-        if _is_text(path):
-            words = {
-                re.split(r"[,;\t ]", line.strip(), maxsplit=1)[0].strip('"')
-                for line in csv_text.read_lines(path, SAMPLES.large)
-            }
-        else:
-            words = {str(name) for name in read_table(path).columns.get("id", ())}
-        return len(words & ids) >= EQUALITY.majority * len(ids)
-    return False
-
-
-def _find_fault(
-    path: str, region: np.ndarray, crs_names: Sequence[str], images: Mapping[str, Image], is_needed: bool
-) -> str:
-    """Return why a file of points cannot be used; empty for other files, and for points of other places.
-
-    ``is_needed`` is whether it has ids that other files survey or measure: then it is one, whatever its columns.
-    """
-    if _has_exchanged_degrees(path, region):
-        return "longitude and latitude are exchanged: exchange them in the file"
-    table = column_roles.read_text_table(path) if _is_text(path) else None
-    fields = match_fields(table.names) if table is not None else dict[str, int]()
-    has_degrees = {"lon", "lat"} <= fields.keys()
-    if is_needed and (fault := _find_fault_of_rows(path, table, fields, images)):
-        return fault
-    if not is_needed and ("id" not in fields or not any(names <= fields.keys() for names in POINT_FIELDS)):
-        return ""
-    if table is not None and has_degrees and not is_needed:
-        lonlat = table.numbers[:, [fields["lon"], fields["lat"]]]
-        if share_near(lonlat[np.isfinite(lonlat).all(axis=1)], region) < EQUALITY.majority:
-            return ""
-    faults = []
-    for crs in ("",) if has_degrees else ("", *crs_names) if table is None else crs_names or ("",):
-        try:
-            ground = read_points(path, ground_crs=crs or None).ground
-        except HrsiError as error:
-            faults.append(str(error))
-        else:
-            if not is_needed or ground is None:
-                return ""
-            lon, lat = np.median(ground.ground[:, :2], axis=0)
-            faults.append(
-                f"its points, near lon {lon:.4g}, lat {lat:.4g}, are not on the ground of the images: correct their "
-                "CRS or coordinates"
-            )
-    return faults[0]
-
-
-def _find_fault_of_rows(
-    path: str, table: column_roles.TextTable | None, fields: Mapping[str, int], images: Mapping[str, Image]
-) -> str:
-    """Return what is wrong with the rows of a text of points or measurements; empty if they are equal and name images.
-
-    ``table`` is the text's, None if its rows are not of equal length; ``fields`` are its columns by their names.
-    """
-    if table is None and _is_text(path):
-        lines = csv_text.read_lines(path, SAMPLES.large)
-        separator, rows = csv_text.split_rows(lines)
-        rows = list(csv.reader(lines, delimiter=separator)) if separator else rows
-        odd = next((number for number, row in enumerate(rows) if len(row) != len(rows[0])), 0)
-        return f"row {odd + 1} has {len(rows[odd])} columns, and the first {len(rows[0])}: complete it" if odd else ""
-    if table is None or "image" not in fields:
-        return ""
-    names = sorted(set(table.columns[fields["image"]]))
-    if (column_roles.place_images(names, list(images)) >= 0).any():
-        return ""
-    return f"names the images {list_ids(names)}; those here are {list_ids(list(images))}: rename them"
-
-
-def _has_exchanged_degrees(path: str, region: np.ndarray) -> bool:
-    """Return whether the points of a file lie near the images with longitude and latitude exchanged."""
-    try:
-        table = read_table(path)
-    except HrsiError:
-        return False
-    if table.geometry is not None:
-        lonlat = table.geometry[:, :2]
-    elif {"lon", "lat"} <= table.columns.keys():
-        lonlat = np.column_stack([table.columns["lon"], table.columns["lat"]])
-    else:
-        return False
-    lonlat = lonlat[np.isfinite(lonlat).all(axis=1)]
-    return len(lonlat) > 0 and share_near(lonlat[:, ::-1], region) >= EQUALITY.majority
-
-
 def _read_source(
     path: str, spec: str, images: Mapping[str, Image], region: np.ndarray, crs_names: Sequence[str]
 ) -> PointSource | None:
@@ -228,7 +135,7 @@ def _read_source(
         tables = _try(spec, images, crs)
         if tables is not None and _is_plausible(tables, images, region):
             return _make_source(path, *_complete(spec, tables, images, crs), crs)
-    table = column_roles.read_text_table(path) if _is_text(path) else None
+    table = column_roles.read_text_table(path) if column_roles.is_text(path) else None
     readings = []
     for names in column_roles.list_ground_columns(table) if table is not None else _list_fields(spec):
         chosen = f"{spec}|columns={','.join(names)}"
@@ -360,10 +267,6 @@ def _list_image_fields(spec: str, listed: str, spare: Sequence[str]) -> Iterator
                 yield spec.replace(listed, ",".join([*columns[:k], *order, *columns[k + 2 :]]))
 
 
-def _is_text(path: str) -> bool:
-    return path.lower().removesuffix(".gz").endswith(csv_text.ENDINGS)
-
-
 def _read_image_columns(path: str, images: Mapping[str, Image], known: Mapping[str, np.ndarray]) -> PointSource | None:
     """Return a file of measurements whose images follow from its columns, its name, or its agreement with points."""
     stem = os.path.basename(path).partition(".csv")[0]
@@ -373,7 +276,7 @@ def _read_image_columns(path: str, images: Mapping[str, Image], known: Mapping[s
             return PointSource(path, [f"{path}|image={image}"], measured=[tables.image], notes=[f"image {image}"])
     table = None
     with suppress(InputError):
-        is_table = _is_text(path) or path.lower().endswith(column_roles.SPREADSHEETS)
+        is_table = column_roles.is_text(path) or path.lower().endswith(column_roles.SPREADSHEETS)
         table = column_roles.read_text_table(path) if is_table else None
     if table is None:
         return None
