@@ -32,8 +32,8 @@ from .surface_figures import draw_surfaces
 class REPORT_PAGE:
     """Limits for the amount of data on the page of the report."""
 
-    chip_half_px: int = threshold(12, "px", "smallest half side of a chip of a point, and margin around a target")
-    largest_chip_px: int = threshold(36, "px", "largest half side of a chip, and that where no target was found")
+    chip_half_px: int = threshold(12, "px", "smallest half side of a chip of a point")
+    largest_chip_px: int = threshold(36, "px", "largest half side of a chip")
     most_picture_pixels: int = threshold(400_000_000, "px", "largest number read for all pictures: some seconds")
 
 

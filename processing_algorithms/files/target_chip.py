@@ -4,9 +4,16 @@ import numpy as np
 
 from ...hrsi_engine.block.block import Image, Raster
 from ...hrsi_engine.drawing.target_chips import TargetChip
+from ...hrsi_engine.foundation.thresholds import threshold, thresholds
 from ...hrsi_engine.measurement.targets.measuring import TargetMeasurement, measure_target
 from ...hrsi_engine.plausibility.places import SURVEY
-from ...hrsi_engine.results.drawings import REPORT_PAGE
+
+
+@thresholds
+class TARGET_CHIP:
+    """Limits for the picture of a target."""
+
+    margin_px: float = threshold(8.0, "px", "margin around the target")
 
 
 def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Raster | None) -> TargetChip:
@@ -15,7 +22,7 @@ def chip_of(made: TargetMeasurement, approximate: np.ndarray | None, raster: Ras
     middle = approximate if made.refusal else made.xy
     if raster is not None and middle is not None:
         shown = np.vstack([made.edges, middle[None]])
-        margin = REPORT_PAGE.chip_half_px if len(made.edges) else REPORT_PAGE.largest_chip_px
+        margin = TARGET_CHIP.margin_px if len(made.edges) else 3.0 * TARGET_CHIP.margin_px
         low = np.maximum(np.floor(shown.min(axis=0) - margin), 0).astype(int)
         high = np.minimum(np.ceil(shown.max(axis=0) + margin) + 1, raster.size).astype(int)
         if np.all(high > low):
