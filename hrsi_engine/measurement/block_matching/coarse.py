@@ -37,9 +37,10 @@ _CONTRASTS = "simulated pairs of other contrast, 2026-11-22"
 class COARSE:
     """Conditions for matches of two overviews, and accuracy of the offsets and heights derived from them."""
 
-    enough_share: float = threshold(
-        0.1, "", "smallest share of matching features for no other contrast; 0.03 by chance", _CONTRASTS
+    enough: int = threshold(
+        60, "matches", "number that makes a pair certain: no other contrast is tried, no loop is needed", _CONTRASTS
     )
+    enough_share: float = threshold(0.1, "", "… and share of the features; a negative gives 0.03 by chance", _CONTRASTS)
     band_growth: tuple[float, float, float] = threshold((1.0, 4.0, 16.0), "", "search ranges, relative to `margin_px`")
     floor_px: float = threshold(1.0, "px of the overview", "smallest standard deviation of a match")
     same_view_px: float = threshold(2.0, "px", "smallest parallax from which heights are estimated")
@@ -94,7 +95,7 @@ def _match_in_any_contrast(job: CoarseJob, first: PartResult, second: PartResult
     """Return the consistent matches with the second image; if they are few, also with its negative or with both."""
     matches = _match_features(job, first, second) | {"contrasts": np.array([1])}
     fewer = min(len(first["xy"]), len(second["xy"]))
-    if len(matches["first_xy"]) >= max(SAMPLES.tested, COARSE.enough_share * fewer):
+    if len(matches["first_xy"]) >= max(COARSE.enough, COARSE.enough_share * fewer):
         return matches
     negative = second | {"descriptors": invert_descriptors(second["descriptors"])}
     both_contrasts = {name: np.concatenate([second[name], negative[name]]) for name in ("xy", "descriptors")}
