@@ -323,15 +323,8 @@ def _make_chips(result: Adjustment, visible: _PointSelection, outline: Outline |
         low = np.round(xy).astype(int) - half
         grey, _ = image.pixels.read(int(low[0]), int(low[1]), 2 * half + 1, 2 * half + 1)
         nothing = np.empty((0, 2))
-        chip = TargetChip(
-            grey=grey,
-            origin=low.astype(np.float64),
-            edges=nothing,
-            used=np.empty(0, dtype=bool),
-            curves=curves,
-            position=xy,
-            computed=xy - residual,
-        )
+        unused = np.empty(0, dtype=bool)
+        chip = TargetChip(grey, low.astype(np.float64), nothing, unused, curves, xy, computed=xy - residual)
         chips.append(
             PointChip(
                 id=str(block.points.ids[point]),
