@@ -1598,10 +1598,10 @@ def project(
     """Ground points to image coordinates, for a point file or as a filter.
 
     Computes the positions of ground points in one or more images. Points are read from a vector layer
-    or CSV, or as lines 'lon lat height' (WGS84 degrees, ellipsoidal metres) from standard input. In
-    this case lines 'sample line' are printed, with the rest of the input line. Sample 0, line 0 is the
-    CENTRE of the first pixel (pixel and line of GDAL are 0.5 larger). For points without a height, the
-    DEM or ``height`` is used.
+    or CSV, or as lines 'lon lat height' from standard input. They are WGS84 degrees and ellipsoidal
+    metres, or x, y and height of ``ground_crs`` and ``height_datum``. In this case lines 'sample line'
+    are printed, with the rest of the input line. Sample 0, line 0 is the CENTRE of the first pixel
+    (pixel and line of GDAL are 0.5 larger). For points without a height, the DEM or ``height`` is used.
 
     Parameters
     ----------
