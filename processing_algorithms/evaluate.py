@@ -437,7 +437,8 @@ def summarise(report: Report) -> str:
     lines += [f"warning: {text}" for text in report["warnings"]]
     first = next((name for name in report["best"].values() if name), None)
     last = [f"best: {first}"] if len(sets) > 1 and first else []
-    for label, values in list(known.items())[:1]:
+    if known:
+        label, values = next(iter(known.items()))
         told = (f"{name} {format_digits(value)}" for name, value in zip(sets, values, strict=True))
         last = [f"{label}: {', '.join(told)}", *last]
     return "\n".join([*lines, "; ".join(last)]).rstrip()

@@ -24,7 +24,7 @@ from ...hrsi_engine.io.point_files.table import match_fields
 from ...hrsi_engine.plausibility.places import SURVEY
 from . import column_roles
 from .column_roles import POSITION_NAMES, match_image, share_near
-from .unusable_points import find_fault, holds_ids
+from .unusable_points import find_fault, holds_most, read_ids
 
 #: Words of file names and of fields that state the role of points.
 CHECK_WORDS = re.compile(r"(?<![a-z])(check|chk|cp|icp|ckp|validation|verif|test|kontroll?|pruef)", re.IGNORECASE)
@@ -115,7 +115,8 @@ def read_sources(
     surveyed = {name for one in found for name in one.ground_ids}
     measured = {name for one in found for name in one.measured_ids}
     for path in rest:
-        measures, surveys = holds_ids(path, surveyed - measured), holds_ids(path, measured - surveyed)
+        ids = read_ids(path)
+        measures, surveys = holds_most(ids, surveyed - measured), holds_most(ids, measured - surveyed)
         if fault := find_fault(path, region, crs_names, images, measures or surveys):
             found.append(PointSource(path, [path], fault=fault, measures=measures))
     return found

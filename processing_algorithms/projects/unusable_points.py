@@ -18,20 +18,19 @@ from .column_roles import TextTable, is_text, place_images, read_text_table, sha
 POINT_FIELDS = ({"lon", "lat"}, {"x", "y", "height"}, {"image", "sample", "line"})
 
 
-def holds_ids(path: str, ids: set[str]) -> bool:
-    """Return whether a text or vector file has most of some ids, in its first or its id column."""
-    if len(ids) < SAMPLES.plane:
-        return False
+def read_ids(path: str) -> set[str]:
+    """Return the first column of a text, or the id column of a vector file; empty for other files."""
     with suppress(HrsiError, OSError, UnicodeError):
-        if is_text(path):
-            words = {
-                re.split(r"[,;\t ]", line.strip(), maxsplit=1)[0].strip('"')
-                for line in csv_text.read_lines(path, SAMPLES.large)
-            }
-        else:
-            words = {str(name) for name in read_table(path).columns.get("id", ())}
-        return len(words & ids) >= EQUALITY.majority * len(ids)
-    return False
+        if not is_text(path):
+            return {str(name) for name in read_table(path).columns.get("id", ())}
+        lines = csv_text.read_lines(path, SAMPLES.large)
+        return {re.split(r"[,;\t ]", line.strip(), maxsplit=1)[0].strip('"') for line in lines}
+    return set()
+
+
+def holds_most(found: set[str], ids: set[str]) -> bool:
+    """Return whether ids that were found in a file are most of some ids, and these are not too few."""
+    return len(ids) >= SAMPLES.plane and len(found & ids) >= EQUALITY.majority * len(ids)
 
 
 def find_fault(
@@ -54,8 +53,12 @@ def find_fault(
         lonlat = table.numbers[:, [fields["lon"], fields["lat"]]]
         if share_near(lonlat[np.isfinite(lonlat).all(axis=1)], region) < EQUALITY.majority:
             return ""
+    if has_degrees:
+        crs_names = ("",)
+    elif table is None:
+        crs_names = ("", *crs_names)
     faults = []
-    for crs in ("",) if has_degrees else ("", *crs_names) if table is None else crs_names or ("",):
+    for crs in crs_names or ("",):
         try:
             ground = read_points(path, ground_crs=crs or None).ground
         except HrsiError as error:
@@ -98,11 +101,9 @@ def _has_exchanged_degrees(path: str, region: np.ndarray) -> bool:
         table = read_table(path)
     except HrsiError:
         return False
-    if table.geometry is not None:
-        lonlat = table.geometry[:, :2]
-    elif {"lon", "lat"} <= table.columns.keys():
-        lonlat = np.column_stack([table.columns["lon"], table.columns["lat"]])
-    else:
+    degrees = [table.columns[name] for name in ("lon", "lat") if name in table.columns]
+    if table.geometry is None and len(degrees) < 2:
         return False
+    lonlat = np.column_stack(degrees) if table.geometry is None else table.geometry[:, :2]
     lonlat = lonlat[np.isfinite(lonlat).all(axis=1)]
     return len(lonlat) > 0 and share_near(lonlat[:, ::-1], region) >= EQUALITY.majority
