@@ -363,12 +363,10 @@ def difference_px(reference: RPC, second: RPC, size: tuple[int, int] | None = No
     if same_numbers(reference, second):
         return 0.0
     grid = Image("", reference, size).grid_px(9, 9)
-    largest = -np.inf
-    for height in (*reference.height_range, reference.height_off):
-        ground, converged = reference.localize(grid, height)
-        if converged.any():
-            difference = second.project(ground[converged]) - reference.project(ground[converged])
-            largest = max(largest, float(np.hypot(*difference.T).max()))
+    heights = np.repeat((*reference.height_range, reference.height_off), len(grid))
+    ground, converged = reference.localize(np.tile(grid, (3, 1)), heights)
+    difference = second.project(ground[converged]) - reference.project(ground[converged])
+    largest = float(np.hypot(*difference.T).max(initial=-np.inf))
     return largest if np.isfinite(largest) else float("inf")
 
 
