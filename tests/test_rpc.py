@@ -13,9 +13,8 @@ from osgeo import gdal
 from rasterio.transform import RPCTransformer
 
 from hrsi.hrsi_engine.camera.rpc import RPC
-from hrsi.hrsi_engine.camera.rpc_terms import EVALUATION, fit_inverse
+from hrsi.hrsi_engine.camera.rpc_terms import EVALUATION
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.foundation.workers.threads import thread_count
 from hrsi.hrsi_engine.ground.geodesy import LocalFrame
 from hrsi.hrsi_engine.io.rpc_files import read_rpc
 
@@ -131,35 +130,6 @@ def test_localize_then_project_closes_for_every_rpc_of_the_pack(real_data: Path)
     assert max(worst.values()) <= CLOSURE_PX, worst
 
 
-def test_the_fitted_inverse_is_one_to_some_thousandths_of_a_pixel() -> None:
-    """Where Newton's iteration starts, and with which derivatives: compared with projected ground and differences."""
-    base = synthetic_rpc(12.0, 48.0)
-    samp_num, line_num = base.samp_num.copy(), base.line_num.copy()
-    samp_num[0], line_num[0] = 0.35, -0.2  # the middle of the ground is not that of the image
-    rpc = replace(base, samp_num=samp_num, line_num=line_num)
-    ground = np.random.default_rng(4).uniform(-1.0, 1.0, (400, 3))
-    scale = np.array([rpc.long_scale, rpc.lat_scale, rpc.height_scale])
-    xy = rpc.project(ground * scale + [rpc.long_off, rpc.lat_off, rpc.height_off])
-    seen = (xy - [rpc.samp_off, rpc.line_off]) / [rpc.samp_scale, rpc.line_scale]
-    inverse = fit_inverse(rpc.polynomials)
-
-    def locate(seen: np.ndarray) -> np.ndarray:
-        u, v, h = *((seen - inverse.off.T) / inverse.scale.T).T, ground[:, 2]
-        terms = [
-            np.ones_like(u), u, v, h, u * v, u * h, v * h, u * u, v * v, h * h, v * u * h, u**3, u * v * v, u * h * h,
-            u * u * v, v**3, v * h * h, u * u * h, v * v * h, h**3,
-        ]  # fmt: skip
-        return (inverse.lonlat @ terms).T
-
-    pixels = [rpc.samp_scale, rpc.line_scale]  # a unit of the ground is nearly one of the image here
-    assert np.abs((locate(seen) - ground[:, :2]) * pixels).max() < 5e-3
-    u, v, h = *((seen - inverse.off.T) / inverse.scale.T).T, ground[:, 2]
-    slopes = inverse.slopes @ [np.ones_like(u), u, v, h, u * v, u * h, v * h, u * u, v * v, h * h]
-    for axis, step in enumerate(1e-4 * np.eye(2)):
-        by = (locate(seen + step) - locate(seen - step)) / 2e-4
-        np.testing.assert_allclose(slopes[2 * axis : 2 * axis + 2].T, by, atol=1e-8)
-
-
 def test_localize_reports_points_that_have_no_ground(real_data: Path) -> None:
     rpc = read_rpc(str(real_data / "s2p_triplet_phr" / "img_01.tif")).rpc
     image = np.array([[500.0, 500.0], [np.nan, 3.0], [1e12, -1e12], [2.0, 2.0]])
@@ -230,10 +200,8 @@ def test_memory_does_not_grow_beyond_the_result() -> None:
         return peak
 
     one_buffer = peak_beyond_result(EVALUATION.chunk)
-    threads = min(EVALUATION.most_threads, thread_count())
-    # however many threads hold their buffers at one moment: a busy machine may leave the work to one of them
     for buffers in (20, 60, 120):
-        assert peak_beyond_result(buffers * EVALUATION.chunk) <= threads * one_buffer
+        assert peak_beyond_result(buffers * EVALUATION.chunk) <= 1.01 * one_buffer
 
 
 def test_parts_do_not_matter() -> None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..foundation.errors import InputError
 from ..ground.geodesy import LocalFrame, metres_per_degree, wrap_degrees
-from .rpc_terms import DERIVATIVES, Solver, Workspace, for_parts, monomials, slopes_of_ratios
+from .rpc_terms import DERIVATIVES, Solver, Workspace, chunks, monomials, slopes_of_ratios
 
 if TYPE_CHECKING:
     import rasterio.rpc
@@ -288,12 +288,12 @@ class RPC:
         ground = _check_points(ground, 3, "ground")
         image = np.empty((len(ground), 2))
 
-        def project_part(part: slice, work: Workspace) -> None:
-            terms = work.terms(part.stop - part.start)
-            self._normalise(ground[part], out=terms[1:4])
-            self._denormalise(work.ratios(self.polynomials, terms)[0], image[part])
-
-        for_parts(len(ground), project_part)
+        work = Workspace(len(ground))
+        with np.errstate(all="ignore"):
+            for part in chunks(len(ground)):
+                terms = work.terms(part.stop - part.start)
+                self._normalise(ground[part], out=terms[1:4])
+                self._denormalise(work.ratios(self.polynomials, terms)[0], image[part])
         return image
 
     def project_with_jacobian(self, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -313,16 +313,16 @@ class RPC:
         image, jacobian = np.empty((len(ground), 2)), np.empty((len(ground), 2, 3))
         scale = self._image_scale[:, None] / self._ground_scale[None, :]
 
-        def project_part(part: slice, work: Workspace) -> None:
-            terms = work.terms(part.stop - part.start)
-            self._normalise(ground[part], out=terms[1:4])
-            ratios, denominators = work.ratios(self.polynomials, terms)
-            slopes = slopes_of_ratios(self.derivatives, terms, ratios, denominators)
-            for row, column in np.ndindex(2, 3):
-                np.multiply(slopes[column, row], scale[row, column], out=jacobian[part, row, column])
-            self._denormalise(ratios, image[part])
-
-        for_parts(len(ground), project_part)
+        work = Workspace(len(ground))
+        with np.errstate(all="ignore"):
+            for part in chunks(len(ground)):
+                terms = work.terms(part.stop - part.start)
+                self._normalise(ground[part], out=terms[1:4])
+                ratios, denominators = work.ratios(self.polynomials, terms)
+                slopes = slopes_of_ratios(self.derivatives, terms, ratios, denominators)
+                for row, column in np.ndindex(2, 3):
+                    np.multiply(slopes[column, row], scale[row, column], out=jacobian[part, row, column])
+                self._denormalise(ratios, image[part])
         return image, jacobian
 
     def project_with_metric_jacobian(self, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -385,22 +385,22 @@ class RPC:
         heights = np.broadcast_to(np.asarray(height_m, dtype=np.float64), (len(image),))
         ground, converged = np.empty((len(image), 3)), np.empty(len(image), dtype=bool)
 
-        def localize_part(part: slice, work: Workspace) -> None:
-            target = np.empty((2, part.stop - part.start))
-            for axis in (0, 1):
-                np.subtract(image[part, axis], self._image_off[axis], out=target[axis])
-            target /= self._image_scale[:, None]
-            lonlat, solved = self._solver.solve(target, (heights[part] - self.height_off) / self.height_scale, work)
-            lonlat *= self._ground_scale[:2, None]
-            lonlat += self._ground_off[:2, None]
-            if np.abs(lonlat[0]).max() > 180.0:
-                outside = np.abs(lonlat[0]) > 180.0
-                lonlat[0, outside] = wrap_degrees(lonlat[0, outside])
-            ground[part, 0], ground[part, 1], ground[part, 2] = *lonlat, heights[part]
-            ground[part][~solved] = np.nan
-            converged[part] = solved
-
-        for_parts(len(image), localize_part)
+        work = Workspace(len(image))
+        with np.errstate(all="ignore"):
+            for part in chunks(len(image)):
+                target = np.empty((2, part.stop - part.start))
+                for axis in (0, 1):
+                    np.subtract(image[part, axis], self._image_off[axis], out=target[axis])
+                target /= self._image_scale[:, None]
+                lonlat, solved = self._solver.solve(target, (heights[part] - self.height_off) / self.height_scale, work)
+                lonlat *= self._ground_scale[:2, None]
+                lonlat += self._ground_off[:2, None]
+                if np.abs(lonlat[0]).max() > 180.0:
+                    outside = np.abs(lonlat[0]) > 180.0
+                    lonlat[0, outside] = wrap_degrees(lonlat[0, outside])
+                ground[part, 0], ground[part, 1], ground[part, 2] = *lonlat, heights[part]
+                ground[part][~solved] = np.nan
+                converged[part] = solved
         return Localization(ground, converged)
 
     # ---- rays --------------------------------------------------------------------------------------------------

@@ -11,25 +11,19 @@ points.
 
 Inverse of an RPC: the ground position of an image point at a given height, in normalised coordinates.
 
-An RPC has no closed inverse. Once per RPC a cubic polynomial for normalised lon and lat as a function of (sample, line,
-height) is fitted over the RPC's ground domain; its error is about a thousandth of a pixel, and its derivatives replace
-the inverse Jacobian in Newton's method. After two evaluations of the RPC most points have an error below 1e-9 px.
-Points that do not converge (outside the domain, near zeros of the denominator) are computed by Newton's iteration with
-the analytic Jacobian. So are few points, for which the fit would take longer.
+An RPC has no closed inverse. It begins with the affine function of (sample, line, height) at the centre of the RPC's
+domain. The derivatives there, one set for each point, serve for a few steps of Newton's method, after which most points
+have an error below 1e-9 px. The others (outside the domain, near zeros of the denominator) are computed by Newton's
+iteration with the derivatives of each step.
 """
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 
 from ..foundation.thresholds import EQUALITY, ITERATIONS, threshold, thresholds
-from ..foundation.workers.threads import thread_count
 from ..ground.ellipsoid import Number
 
 _SPEED = "measured for speed, 2026-11-21"
@@ -42,11 +36,9 @@ class EVALUATION:
 
     chunk: int = threshold(12288, "points", "size of a buffer: fewer cost calls, more leave the cache", _SPEED)
     product_limit: int = threshold(2**18, "multiplications", "largest product on one thread of OpenBLAS", _SPEED)
-    most_threads: int = threshold(4, "threads", "largest number: more threads wait for memory", _SPEED)
     accepted_px: float = threshold(1e-8, "px", "largest error of an accepted image point", _ROUNDING)
-    chord_evaluations: int = threshold(4, "evaluations", "largest number with the derivatives of the fitted inverse")
-    nodes: int = threshold(7, "nodes", "along each axis, for the fit of the inverse polynomial")
-    domain_margin: float = threshold(1.5, "half extents", "normalised coordinate up to which the cubic inverse is used")
+    chord_evaluations: int = threshold(5, "evaluations", "largest number with the derivatives of the start")
+    domain_margin: float = threshold(1.5, "half extents", "normalised coordinate up to which a result is accepted")
 
 
 #: Powers of (L, P, H) of the 20 terms, in RPC00B order.
@@ -63,39 +55,6 @@ def chunks(count: int, size: int = EVALUATION.chunk) -> Iterator[slice]:
     """Yield slices of at most ``size`` that cover ``count`` points."""
     for start in range(0, count, size):
         yield slice(start, min(start + size, count))
-
-
-def for_parts(count: int, work: Callable[[slice, Workspace], None]) -> None:
-    """Call ``work(part, workspace)`` for slices of ``count`` points of the size of the buffers, without warnings.
-
-    The slices are distributed to threads, since NumPy releases the GIL. A single one is computed in the calling thread,
-    since the callers may use threads themselves.
-    """
-    threads = min(EVALUATION.most_threads, thread_count(), max(count // EVALUATION.chunk, 1))
-    parts = chunks(count)
-    if threads == 1:
-        _work_through(parts, count, work)
-        return
-    lock = threading.Lock()
-
-    def take_parts() -> Iterator[slice]:
-        while True:
-            with lock:
-                part = next(parts, None)
-            if part is None:
-                return
-            yield part
-
-    with ThreadPoolExecutor(threads) as pool:
-        for future in [pool.submit(_work_through, take_parts(), count, work) for _ in range(threads)]:
-            future.result()
-
-
-def _work_through(parts: Iterator[slice], count: int, work: Callable[[slice, Workspace], None]) -> None:
-    workspace = Workspace(count)
-    with np.errstate(all="ignore"):
-        for part in parts:
-            work(part, workspace)
 
 
 def _find_factors() -> np.ndarray:
@@ -198,47 +157,6 @@ def slopes_of_ratios(
     return slope_of_ratio(by_axis[:, :2], by_axis[:, 2:], ratios, denominators)
 
 
-class Inverse(NamedTuple):
-    """Inverse polynomials: cubic RPC terms with (sample, line, height) instead of (L, P, H).
-
-    ``off (2, 1)``, ``scale (2, 1)`` normalise sample and line (normalised by the RPC) to [-1, 1] over its ground
-    domain; ``lonlat (2, 20)`` are the coefficients of normalised lon and lat; ``slopes (4, 10)`` those of their
-    derivatives by normalised sample, then by line.
-    """
-
-    off: np.ndarray
-    scale: np.ndarray
-    lonlat: np.ndarray
-    slopes: np.ndarray
-
-
-def fit_inverse(polynomials: np.ndarray) -> Inverse:
-    """Fit the inverse at Chebyshev nodes of the cube [-1, 1]**3, those where the denominators do not change sign.
-
-    ``polynomials (4, 20)`` as in `Workspace.ratios`. If too few nodes are usable the inverse is NaN, and `Solver`
-    uses Newton's iteration.
-    """
-    axis = np.cos(np.pi * (np.arange(EVALUATION.nodes) + 0.5) / EVALUATION.nodes)
-    ground = np.stack(np.meshgrid(axis, axis, axis, indexing="ij")).reshape(3, -1)
-    values = polynomials @ monomials(ground)
-    ratios = values[:2] / values[2:]
-    usable = (values[2:] * polynomials[2:, :1] > 0.0).all(axis=0) & np.isfinite(ratios).all(axis=0)
-    low = ratios[:, usable].min(axis=1, keepdims=True, initial=np.inf)
-    high = ratios[:, usable].max(axis=1, keepdims=True, initial=-np.inf)
-    offset, scale = (low + high) / 2.0, (high - low) / 2.0
-    if np.count_nonzero(usable) < len(axis) ** 2 or not np.isfinite(scale).all() or not (scale > 0.0).all():
-        nothing = np.full((2, 1), np.nan)
-        return Inverse(nothing, nothing, np.full((2, 20), np.nan), np.full((4, QUADRATIC_TERMS), np.nan))
-    terms = monomials(np.vstack([(ratios - offset) / scale, ground[2:]])[:, usable])
-    # Normal equations take a tenth of the time of a decomposition, and are well conditioned at these nodes
-    try:
-        lonlat = np.linalg.solve(terms @ terms.T, terms @ ground[:2, usable].T).T
-    except np.linalg.LinAlgError:  # too few usable nodes
-        lonlat = np.linalg.lstsq(terms.T, ground[:2, usable].T, rcond=None)[0].T
-    slopes = np.concatenate([lonlat @ DERIVATIVES[axis] / scale[axis] for axis in (0, 1)])
-    return Inverse(offset, scale, lonlat, slopes)
-
-
 class Solver:
     """Computes normalised lon and lat ``(2, n)`` of normalised image points and heights, for one RPC."""
 
@@ -255,31 +173,22 @@ class Solver:
             inverse = np.linalg.pinv(slopes[:2].T) if np.isfinite(slopes).all() else np.zeros((2, 2))
             self._affine = np.column_stack([-inverse @ ratios, inverse, -inverse @ slopes[2]])
 
-    @cached_property
-    def _inverse(self) -> Inverse:
-        with np.errstate(all="ignore"):
-            return fit_inverse(self._polynomials)
-
     def solve(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
         """Return normalised lon, lat ``(2, n)`` and whether each converged; at most `EVALUATION.chunk` points."""
-        if height.size < EVALUATION.nodes**3:  # fewer than are needed for the fit of the inverse
-            lonlat, error = self._predict_by_affine(target, height), np.full(height.size, np.inf)
-        else:
-            # Newton's iteration with the derivatives of the inverse, which are constant for each point
-            start, slopes = self._predict(target, height, work)
-            terms = work.terms(height.size)
-            terms[1:3], terms[3] = start, height
-            for evaluation in range(1, EVALUATION.chord_evaluations + 1):
-                ratios, _ = work.ratios(self._polynomials, terms)
-                miss = np.subtract(target, ratios, out=ratios)
-                error = np.abs(miss * self._scale_px).max(axis=0)
-                still_open = height.size - np.count_nonzero(error <= EQUALITY.rounding)
-                if evaluation == EVALUATION.chord_evaluations or still_open <= EQUALITY.negligible * height.size:
-                    break
-                terms[1:3] += slopes[:2] * miss[0]
-                terms[1:3] += slopes[2:] * miss[1]
-            lonlat = terms[1:3].copy()
-        unsolved = np.flatnonzero(~(error <= EQUALITY.rounding))
+        terms = work.terms(height.size)
+        terms[1:3] = self._affine[:, :1] + self._affine[:, 1:3] @ target + self._affine[:, 3:] * height
+        terms[3] = height
+        for evaluation in range(1, EVALUATION.chord_evaluations + 1):
+            ratios, denominators = work.ratios(self._polynomials, terms)
+            if evaluation == 1:
+                (a, c), (b, d) = slopes_of_ratios(self._derivatives, terms, ratios, denominators)
+            miss = np.subtract(target, ratios, out=ratios)
+            error = np.abs(miss * self._scale_px).max(axis=0)
+            still_open = height.size - np.count_nonzero(error <= EQUALITY.rounding)
+            if evaluation == EVALUATION.chord_evaluations or still_open <= EQUALITY.negligible * height.size:
+                break
+            terms[1:3] += solve_pair(a, b, c, d, *miss)
+        lonlat, unsolved = terms[1:3].copy(), np.flatnonzero(~(error <= EQUALITY.rounding))
         error[unsolved] = np.inf  # the next iteration starts at these positions, and computes their errors again
         self._iterate_by_newton(lonlat, error, unsolved, target, height, limit=np.inf, iterations=ITERATIONS.most)
         # far from the solution, or near a zero of the denominator: short steps from the centre of the RPC's domain
@@ -287,23 +196,6 @@ class Solver:
         lonlat[:, failed], error[failed] = 0.0, np.inf
         self._iterate_by_newton(lonlat, error, failed, target, height, limit=0.5, iterations=8 * ITERATIONS.most)
         return lonlat, error <= EVALUATION.accepted_px
-
-    def _predict(self, target: np.ndarray, height: np.ndarray, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
-        """Return approximate lon, lat ``(2, n)`` and their derivatives ``(4, n)`` by normalised sample, then line."""
-        inverse, terms = self._inverse, work.terms(height.size)
-        np.subtract(target, inverse.off, out=terms[1:3])
-        terms[1:3] /= inverse.scale
-        terms[3] = height
-        outside = ~(np.abs(terms[1:4]).max(axis=0) <= EVALUATION.domain_margin)
-        fill_monomials(terms)
-        lonlat = multiply(inverse.lonlat, terms, np.empty((2, height.size)))
-        slopes = multiply(inverse.slopes, terms[:QUADRATIC_TERMS], np.empty((4, height.size)))
-        if outside.any():
-            lonlat[:, outside] = self._predict_by_affine(target[:, outside], height[outside])
-        return lonlat, slopes
-
-    def _predict_by_affine(self, target: np.ndarray, height: np.ndarray) -> np.ndarray:
-        return np.asarray(self._affine[:, :1] + self._affine[:, 1:3] @ target + self._affine[:, 3:] * height)
 
     def _iterate_by_newton(
         self,
