@@ -1,4 +1,4 @@
-"""Large arrays: zeros in pages of 2 MB, and fast tests and sums of the rows of arrays with few columns."""
+"""Large arrays: zeros in pages of 2 MB, and fast tests, sums and inverses of the rows of arrays with few columns."""
 
 from collections.abc import Sequence
 from functools import reduce
@@ -33,3 +33,11 @@ def finite_rows(values: np.ndarray) -> np.ndarray:
 def square_lengths(vectors: np.ndarray) -> np.ndarray:
     """Return the sums of squares ``(n,)`` of ``vectors (n, k)``; for small k, see `any_of_rows`."""
     return np.einsum("ij,ij->i", vectors, vectors)
+
+
+def invert_2x2(matrices: np.ndarray) -> np.ndarray:
+    """Return the inverses of matrices ``(n, 2, 2)``, infinite or NaN for singular ones (LAPACK is far slower)."""
+    a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
+    adjugate = np.stack([d, -b, -c, a], axis=1).reshape(-1, 2, 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(adjugate / (a * d - b * c)[:, None, None])

@@ -12,7 +12,7 @@ Arguments that the loops share
     out : residual (rows, 2), by_ground (rows, 2, 3), by_quantity (rows, 2, q) or (0, 2, 0), terms (rows, t)
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,11 +26,11 @@ from . import pseudo_rays
 from .image_space import ImagePolynomial, correct_in_image
 from .object_coordinates import GroundPolynomial, correct_by_ground
 from .object_space import GroundCorrection, move_position, rotate_derivatives
-from .pseudo_rays import COLUMNS, compute_sensor_frame, draw_ray, linearise_by_rays, localize_ray_ends, place_in_frame
+from .pseudo_rays import linearise_by_rays, rays_of_image
 from .pseudo_sensor import PseudoSensor
 
 register(correct_in_image, correct_by_ground, move_position, rotate_derivatives)
-register(*pseudo_rays.CORRECTION_FORMULAS, *pseudo_rays.RAY_FORMULAS)
+register(*pseudo_rays.CORRECTION_FORMULAS)
 
 
 @njit(**OPTIONS)
@@ -140,67 +140,26 @@ def _linearise_pseudo_sensors(
             row += 1
 
 
-@njit(**OPTIONS)
-def _draw_rays(
-    rpcs: Arrays,
-    constants: np.ndarray,
-    lower: np.ndarray,
-    middle: np.ndarray,
-    upper: np.ndarray,
-    xy: np.ndarray,
-    rows: np.ndarray,
-    rays: np.ndarray,
-) -> None:
-    """Write the rays ``(n, 18)`` of the image points ``rows`` of one image, from their ground at three heights."""
-    scratch, computed, by_ground = np.empty(20), np.empty((1, 2)), np.empty((1, 2, 3))
-    for a in range(len(rows)):
-        low = _place_ray_end(rpcs, constants, lower[a, 0], lower[a, 1], lower[a, 2], scratch, computed, by_ground)
-        high = _place_ray_end(rpcs, constants, upper[a, 0], upper[a, 1], upper[a, 2], scratch, computed, by_ground)
-        position = ellipsoid.geocentric(middle[a, 0], middle[a, 1], middle[a, 2])
-        between, _, _ = place_in_frame(constants, 0, position, ellipsoid.axes(middle[a, 0], middle[a, 1]), by_ground, 0)
-        draw_ray(constants, 0, xy[rows[a], 1], low, between, high, rays, rows[a])
-
-
-@njit(**OPTIONS)
-def _place_ray_end(
-    rpcs: Arrays,
-    constants: np.ndarray,
-    lon: float,
-    lat: float,
-    height: float,
-    scratch: np.ndarray,
-    computed: np.ndarray,
-    by_ground: np.ndarray,
-) -> Any:
-    """Return one end of a ray in the sensor frame, with its derivatives by sample and line."""
-    east, north = ellipsoid.metres_of_a_degree(lat, height)
-    project_point(rpcs, 0, lon, lat, height, east, north, scratch, computed, by_ground, 0)
-    position, axes = ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat)
-    return place_in_frame(constants, 0, position, axes, by_ground, 0)
-
-
-def _write_rays(image: Image, xy: np.ndarray, rows: np.ndarray, rays: np.ndarray) -> None:
-    """Write the rays of the image points ``rows`` to these rows of a table, as `compute_pseudo_rays` computes them."""
-    constants = compute_sensor_frame(image).constants[None]
-    _draw_rays(rpc_tables([image.rpc]), constants, *localize_ray_ends(image.rpc, xy[rows]), xy, rows, rays)
+def tabulate_rpcs(images: Sequence[Image]) -> Arrays:
+    """Return the RPCs of images as the loops take them."""
+    return rpc_tables([image.rpc for image in images])
 
 
 class Family(NamedTuple):
     """Compiled linearisation of a family of models.
 
     loop : compiled loop over points; table : returns the array in which the models of the family differ
-    columns, rays : number of constants of each image point (its ray), and the function that computes them
+    rays : returns the constants of image points ``xy (n, 2)`` of an image, their rays
     """
 
     loop: Callable[..., None]
     table: Callable[[Any], np.ndarray]
-    columns: int = 0
-    rays: Callable[[Image, np.ndarray, np.ndarray, np.ndarray], None] = lambda image, xy, rows, table: None
+    rays: Callable[[Image, np.ndarray], np.ndarray] = lambda image, xy: np.empty((len(xy), 0))
 
 
 FAMILIES: dict[type, Family] = {
     ImagePolynomial: Family(_linearise_polynomials, lambda m: np.ascontiguousarray(m.powers, dtype=np.int64)),
     GroundPolynomial: Family(_linearise_polynomials, lambda m: np.ascontiguousarray(m.powers, dtype=np.int64)),
     GroundCorrection: Family(_linearise_ground_corrections, lambda model: model.entries),
-    PseudoSensor: Family(_linearise_pseudo_sensors, lambda model: model.used, COLUMNS, _write_rays),
+    PseudoSensor: Family(_linearise_pseudo_sensors, lambda model: model.used, rays_of_image),
 }

@@ -38,11 +38,11 @@ from ..block.imaging_geometry import GEOMETRY
 from ..camera.perspective import PERSPECTIVE
 from ..camera.rpc import RPC
 from ..foundation.errors import SolveError
+from ..foundation.large_arrays import invert_2x2
 from ..foundation.thresholds import EQUALITY, threshold, thresholds
-from ..ground import ellipsoid
 from ..ground.ellipsoid import Couple, Number, Triple
-from ..ground.geodesy import LocalFrame
-from .model import ALL_ROWS, RowIndex
+from ..ground.geodesy import LocalFrame, east_north_up
+from .model import RowIndex
 
 
 @thresholds
@@ -96,7 +96,6 @@ class SensorFrame:
 #: half its height (sag, m); z of the upper end, and the height difference to the lower end; z of the pseudo sensor, and
 #: its change from line to line.
 STATION, TANGENT, SENSOR_HEIGHT = slice(0, 2), slice(2, 4), 16
-COLUMNS = 18
 
 
 @lru_cache(maxsize=1024)
@@ -125,111 +124,48 @@ def compute_sensor_frame(image: Image) -> SensorFrame:
     return replace(level, azimuth_rad=float(np.arctan2(north, east)), heights_m=heights)
 
 
-def localize_ray_ends(rpc: RPC, image_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ground positions ``(n, 3)`` of image points at the lower, middle and upper height of their rays."""
-    reach = max(abs(rpc.height_scale), GEOMETRY.ray_reach_m / 2.0)
-    low, high = rpc.height_off - reach, rpc.height_off + reach
-    lower, middle, upper = (rpc.localize(image_px, height).ground for height in (low, (low + high) / 2.0, high))
-    return lower, middle, upper
-
-
 def compute_pseudo_rays(rpc: RPC, frame: SensorFrame, image_px: np.ndarray) -> np.ndarray:
     """Return the rays of image points ``(n, 2)`` as a table ``(n, 18)`` with the columns described above.
 
     Rows are NaN where the RPC has no ground position for a point.
     """
-    constants, rays = frame.constants[None], np.empty((len(image_px), COLUMNS))
-    places = []
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for ground in localize_ray_ends(rpc, image_px):
-            _, by_ground = rpc.project_with_metric_jacobian(ground)
-            lon, lat, height = ground.T
-            position, axes = ellipsoid.geocentric(lon, lat, height), ellipsoid.axes(lon, lat)
-            places.append(place_in_frame(constants, 0, position, axes, by_ground, ALL_ROWS))
-        lower, middle, upper = places
-        draw_ray(constants, 0, image_px[:, 1], lower=lower, middle=middle[0], upper=upper, rays=rays, a=ALL_ROWS)
-    return rays
+
+    def differentiate(ground: np.ndarray) -> np.ndarray:
+        """Return the derivatives ``(n, 2, 3)`` of X, Y, z at the height of ground points, by sample and by line."""
+        by_ground = rpc.project_with_metric_jacobian(ground)[1]
+        by_east, by_north = invert_2x2(by_ground[:, :, :2]).transpose(1, 2, 0)[..., None]
+        east_north = east_north_up(ground[:, 0], ground[:, 1])[:, :2].reshape(-1, 3) @ frame.axes.T
+        east, north = east_north.reshape(-1, 2, 3).swapaxes(0, 1)
+        return np.stack([by_east[0] * east + by_north[0] * north, by_east[1] * east + by_north[1] * north], axis=1)
+
+    reach = max(abs(rpc.height_scale), GEOMETRY.ray_reach_m / 2.0)
+    lower, halfway, upper = (rpc.localize(image_px, rpc.height_off + share * reach).ground for share in (-1, 0, 1))
+    low, middle, high = (frame.from_ground(ground) for ground in (lower, halfway, upper))
+    low_by, high_by = differentiate(lower), differentiate(upper)
+    # z of the pseudo sensor: a parabola through those of the first, middle and last line
+    (first, central, last), half_lines = frame.heights_m, frame.half_size_px[1]
+    v = (image_px[:, 1] - frame.centre_px[1]) / half_lines
+    slope, bend = (last - first) / 2.0, (first + last) / 2.0 - central
+    height, height_by_line = central + slope * v + bend * v * v, (slope + 2.0 * bend * v) / half_lines
+    span, rise = high[:, 2] - low[:, 2], (high[:, 2] - height)[:, None]
+    tangent = (low - high)[:, :2] / span[:, None]
+    change = low_by - high_by
+    tangent_by = (change[:, :, :2] + tangent[:, None] * change[:, :, 2:]) / span[:, None, None]
+    station_by = high_by[:, :, :2] + rise[:, None] * tangent_by + tangent[:, None] * high_by[:, :, 2:]
+    station_by[:, 1] -= tangent * height_by_line[:, None]
+    sag = (middle - high)[:, :2] - (high - middle)[:, 2:] * tangent
+    slopes = (by.swapaxes(1, 2).reshape(-1, 4) for by in (station_by, tangent_by))
+    return np.column_stack(
+        [high[:, :2] + rise * tangent, tangent, *slopes, sag, high[:, 2], span, height, height_by_line]
+    )
+
+
+def rays_of_image(image: Image, image_px: np.ndarray) -> np.ndarray:
+    """Return the rays of image points ``(n, 2)`` in the frame of their image, see `compute_pseudo_rays`."""
+    return compute_pseudo_rays(image.rpc, compute_sensor_frame(image), image_px)
 
 
 # ---- formulas shared by compiled loops (one image point) and NumPy (all of an image) ---------------------------------
-
-
-def place_in_frame(
-    constants: np.ndarray, i: int, position: Triple[Number], axes: Any, by_ground: np.ndarray, a: RowIndex
-) -> tuple[Triple[Number], Triple[Number], Triple[Number]]:
-    """Return X, Y, z of an image point's ground position, and their derivatives by sample and line at its height.
-
-    constants : `SensorFrame.constants` of many images; i : the image
-    position, axes : geocentric position, and unit vectors east, north, up there
-    by_ground : (n, 2, 3) derivatives of sample and line by metres east, north, up; a : row, or all rows
-    """
-    c = constants
-    x, y, z = position[0] - c[i, 9], position[1] - c[i, 10], position[2] - c[i, 11]
-    place = (
-        c[i, 0] * x + c[i, 1] * y + c[i, 2] * z,
-        c[i, 3] * x + c[i, 4] * y + c[i, 5] * z,
-        c[i, 6] * x + c[i, 7] * y + c[i, 8] * z,
-    )
-    determinant = by_ground[a, 0, 0] * by_ground[a, 1, 1] - by_ground[a, 0, 1] * by_ground[a, 1, 0]
-    by_sample = _in_frame(c, i, axes, by_ground[a, 1, 1] / determinant, -by_ground[a, 1, 0] / determinant)
-    by_line = _in_frame(c, i, axes, -by_ground[a, 0, 1] / determinant, by_ground[a, 0, 0] / determinant)
-    return place, by_sample, by_line
-
-
-def _in_frame(constants: np.ndarray, i: int, axes: Any, east: Number, north: Number) -> Triple[Number]:
-    """Return a vector, given in metres east and north at a point, in the frame's X, Y, z."""
-    c = constants
-    x = east * axes[0][0] + north * axes[1][0]
-    y = east * axes[0][1] + north * axes[1][1]
-    z = east * axes[0][2] + north * axes[1][2]
-    return (
-        c[i, 0] * x + c[i, 1] * y + c[i, 2] * z,
-        c[i, 3] * x + c[i, 4] * y + c[i, 5] * z,
-        c[i, 6] * x + c[i, 7] * y + c[i, 8] * z,
-    )
-
-
-def draw_ray(
-    constants: np.ndarray,
-    i: int,
-    line: Number,
-    lower: Any,
-    middle: Triple[Number],
-    upper: Any,
-    rays: np.ndarray,
-    a: RowIndex,
-) -> None:
-    """Write the ray of an image point to row ``a`` (or all rows) of ``rays (n, 18)``.
-
-    ``lower`` and ``upper`` are the results of `place_in_frame` at the ends, ``middle`` is the position halfway.
-    """
-    low, low_by_sample, low_by_line = lower
-    high, high_by_sample, high_by_line = upper
-    # z of the pseudo sensor: a parabola through those of the first, middle and last line
-    v = (line - constants[i, 13]) / constants[i, 15]
-    slope = (constants[i, 18] - constants[i, 16]) / 2.0
-    bend = (constants[i, 16] + constants[i, 18]) / 2.0 - constants[i, 17]
-    height, height_by_line = constants[i, 17] + slope * v + bend * v * v, (slope + 2.0 * bend * v) / constants[i, 15]
-    span, rise = high[2] - low[2], high[2] - height
-    for k in range(2):
-        tangent = (low[k] - high[k]) / span
-        by_sample = (low_by_sample[k] - high_by_sample[k] - tangent * (high_by_sample[2] - low_by_sample[2])) / span
-        by_line = (low_by_line[k] - high_by_line[k] - tangent * (high_by_line[2] - low_by_line[2])) / span
-        rays[a, k] = high[k] + rise * tangent
-        rays[a, 2 + k] = tangent
-        rays[a, 4 + 2 * k] = high_by_sample[k] + rise * by_sample + tangent * high_by_sample[2]
-        rays[a, 5 + 2 * k] = high_by_line[k] + rise * by_line + tangent * high_by_line[2] - tangent * height_by_line
-        rays[a, 8 + 2 * k] = by_sample
-        rays[a, 9 + 2 * k] = by_line
-        rays[a, 12 + k] = middle[k] - high[k] - (high[2] - middle[2]) * tangent
-    rays[a, 14] = high[2]
-    rays[a, 15] = span
-    rays[a, 16] = height
-    rays[a, 17] = height_by_line
-
-
-#: Functions that compiled loops call.
-RAY_FORMULAS = (place_in_frame, _in_frame, draw_ray)
 
 
 def _rotate(angle: Number, first: Number, second: Number) -> Couple[Number]:

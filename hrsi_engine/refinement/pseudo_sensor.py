@@ -36,7 +36,7 @@ from ..ground import ellipsoid
 from .ground_area import compute_ground_area, compute_px_per_m
 from .model import ALL_ROWS, Equations, Linearise, Orientation, Priors, RefitRPC, Structure
 from .model_table import PSEUDO_SENSOR_TABLE, make_models
-from .pseudo_rays import compute_pseudo_rays, compute_sensor_frame, intersect_frame_height, linearise_by_rays
+from .pseudo_rays import compute_sensor_frame, intersect_frame_height, linearise_by_rays, rays_of_image
 
 #: The corrected quantities; the first three are in metres, the others in radians.
 QUANTITIES = ("xs", "ys", "hs", "psi_x", "psi_y", "yaw", "psi_z")
@@ -80,7 +80,7 @@ class PseudoSensor:
     def equations(self, image: Image, observed_px: np.ndarray) -> Linearise:
         """Return the observation equations; the rays of the observed positions are computed here, once."""
         constants = self.constants(image)[None]
-        rays = compute_pseudo_rays(image.rpc, compute_sensor_frame(image), observed_px)
+        rays = rays_of_image(image, observed_px)
         structure, quantities = self.structure, self.used
 
         def linearise(values: np.ndarray, ground: np.ndarray) -> Equations:
@@ -142,7 +142,7 @@ class PseudoSensor:
         place = frame.from_ground(ground)
         position = np.tile(image.camera_centre_px, (len(ground), 1))
         for _ in range(ITERATIONS.most):
-            rays = compute_pseudo_rays(image.rpc, frame, position)
+            rays = rays_of_image(image, position)
             xy, by_image = self._intersect(constants, coefficients, rays, position, place[:, 2])
             # matrices with NaN are replaced by the identity: their right sides are NaN already
             is_singular = ~np.isfinite(by_image).all(axis=(1, 2))
@@ -172,7 +172,7 @@ class PseudoSensor:
         heights = np.repeat(np.linspace(*image.rpc.height_range, shape[2]), len(layer))
         frame = compute_sensor_frame(image)
         constants, coefficients = self.constants(image)[None], self.coefficients(values)[None]
-        rays = compute_pseudo_rays(image.rpc, frame, position)
+        rays = rays_of_image(image, position)
         z = heights.copy()
         # The Earth is curved relative to the frame: iterate the frame height of each ellipsoidal height
         for _ in range(ITERATIONS.most):

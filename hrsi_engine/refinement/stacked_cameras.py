@@ -63,14 +63,6 @@ def project_to_images(
     return result
 
 
-def invert_2x2(matrices: np.ndarray) -> np.ndarray:
-    """Return the inverses of matrices ``(n, 2, 2)``, infinite or NaN for singular ones (LAPACK is far slower)."""
-    a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
-    adjugate = np.stack([d, -b, -c, a], axis=1).reshape(-1, 2, 2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(adjugate / (a * d - b * c)[:, None, None])
-
-
 def _group_by_image(image_of_row: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the index of each image and the rows of its points."""
     order = np.argsort(image_of_row, kind="stable")

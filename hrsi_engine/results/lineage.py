@@ -20,9 +20,10 @@ import numpy as np
 from ..adjustment.result import Adjustment
 from ..block.block import stack_rpcs
 from ..foundation.errors import list_ids
+from ..foundation.large_arrays import invert_2x2
 from ..foundation.thresholds import GRIDS, LISTS, MEMORY
 from ..refinement.model import RefitRPC
-from ..refinement.stacked_cameras import invert_2x2, linearise_images, project_to_images
+from ..refinement.stacked_cameras import linearise_images, project_to_images
 
 FROM_CHECKS, FROM_PREDICTION = "check points", "prediction"
 

@@ -62,18 +62,18 @@ class NumbaCameras:
     by_parts = True  # parts are evaluated on request, with the ground at that time
 
     def __init__(self, observations: Observations, model: Any) -> None:
-        from ...refinement.compiled_cameras import FAMILIES, rpc_tables  # need numba, and take a second
+        from ...refinement.compiled_cameras import FAMILIES, tabulate_rpcs  # need numba, and take a second
 
-        family, images = FAMILIES[type(model)], observations.images
+        family, images, by_image = FAMILIES[type(model)], observations.images, observations.by_image
         self.structure: Structure = model.structure
         self._model, self._camera_of_image = model, observations.camera_of_image
         self._loop, self._table = family.loop, family.table(model)
-        self._is_costly = family.columns > 0  # costly to evaluate: its equations are cached
-        self._rpcs = rpc_tables([image.rpc for image in images])
+        self._rpcs = tabulate_rpcs(images)
         self._constants = np.stack([model.constants(image) for image in images])
-        rays = np.empty((observations.count, family.columns))
-        for image, rows in zip(images, observations.by_image, strict=True):
-            family.rays(image, observations.xy, rows, rays)
+        of_images = [family.rays(image, observations.xy[rows]) for image, rows in zip(images, by_image, strict=True)]
+        rays = np.empty((observations.count, of_images[0].shape[1]))
+        rays[np.concatenate(by_image)] = np.concatenate(of_images)
+        self._is_costly = rays.shape[1] > 0  # costly to evaluate: its equations are cached
         self._observed = observations.first, observations.image, observations.xy, rays
         self._kept: tuple[State, dict[int | None, Linearisation]] | None = None
 

@@ -19,10 +19,8 @@ so that a border's lower triangle is part of that of the parent's front. Indepen
 
 from __future__ import annotations
 
-import heapq
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,7 +29,7 @@ from scipy.sparse import csgraph
 
 from ...foundation.errors import SolveError
 from ...foundation.large_arrays import allocate_zeros
-from ...foundation.workers.threads import are_one_thread_calls, thread_count
+from ...foundation.workers.threads import are_one_thread_calls, call_in_order, thread_count
 from . import dense_matrices as dense
 
 LEAF_UNKNOWNS = 256  # a part with fewer is factorised densely: calls would cost more than arithmetic
@@ -120,28 +118,11 @@ def work_through_fronts(fronts: Sequence[Front], work: Callable[[Front], None], 
         for front in order:
             work(front)
         return
-    number_of = {id(front): number for number, front in enumerate(order)}
-    following: list[list[int]] = [[] for _ in order]
-    waiting_for = [0] * len(order)
-    for front in order:
+    needs = {front: [] if from_root else front.children for front in order}
+    for front in order if from_root else ():
         for child in front.children:
-            parent, child_number = number_of[id(front)], number_of[id(child)]
-            previous, later = (parent, child_number) if from_root else (child_number, parent)
-            following[previous].append(later)
-            waiting_for[later] += 1
-    ready = [number for number, count in enumerate(waiting_for) if not count]
-    running: dict[Future[None], int] = {}
-    with ThreadPoolExecutor(threads) as pool:
-        while ready or running:
-            while ready and len(running) < threads:
-                number = heapq.heappop(ready)
-                running[pool.submit(work, order[number])] = number
-            for completed in wait(running, return_when=FIRST_COMPLETED).done:
-                completed.result()
-                for later in following[running.pop(completed)]:
-                    waiting_for[later] -= 1
-                    if not waiting_for[later]:
-                        heapq.heappush(ready, later)
+            needs[child].append(front)
+    call_in_order(needs, work, threads)
 
 
 def find_runs(place: np.ndarray) -> Runs:

@@ -11,10 +11,7 @@ from ...block.block import stack_rpcs
 from ...ground.geodesy import move_ground
 from ...refinement.model import RefinementModel
 from ..equations import NormalEquations, PointPriors, State, make_diagonal_pattern
-from ..equations.normal_equations import POINT_STEPS
 from ..observations import Observations
-
-CENTRE_STEPS = 6
 
 
 def estimate_start_positions(observations: Observations) -> np.ndarray:
@@ -24,26 +21,13 @@ def estimate_start_positions(observations: Observations) -> np.ndarray:
         return np.empty((0, 3))
     image_index, image = np.unique(observations.image[first], return_inverse=True)
     images = [observations.images[index] for index in image_index.tolist()]
-    rpcs = [one.rpc for one in images]
     stack = stack_rpcs(images)
     centre_px = np.array([one.centre_px for one in images])
-    # The ground positions (k, 3) of the images' centres, and the metres east, north per pixel there
-    centre = np.array([[rpc.long_off, rpc.lat_off, rpc.height_off] for rpc in rpcs])
-    heights = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
-    if len(heights):
-        centre[:, 2] = np.median(heights)
-    outwards, moving = np.zeros((len(images), 2, 2)), np.arange(len(images))
-    for _ in range(CENTRE_STEPS):
-        if not len(moving):
-            break
-        computed, by_ground = stack.project_with_metric_jacobian(moving, centre[moving])
-        outwards[moving] = np.linalg.pinv(by_ground[:, :, :2])
-        step = np.zeros((len(moving), 3))
-        step[:, :2] = (outwards[moving] @ (centre_px[moving] - computed)[:, :, None])[:, :, 0]
-        centre[moving] = move_ground(centre[moving], step)
-        moving = moving[~(np.abs(step).max(axis=1) < POINT_STEPS.closure_m)]
-    for number in moving.tolist():  # slower, but robust with unusual RPCs
-        centre[number] = rpcs[number].localize(centre_px[number][None], centre[number, 2]).ground[0]
+    surveyed = observations.survey[observations.survey_weight[:, 2] > 0.0, 2]
+    heights = np.full(len(images), np.median(surveyed)) if len(surveyed) else [one.rpc.height_off for one in images]
+    numbers = np.arange(len(images))
+    centre = stack.localize(numbers, centre_px, np.asarray(heights))
+    outwards = np.linalg.pinv(stack.project_with_metric_jacobian(numbers, centre)[1][:, :, :2])  # metres per pixel
     step = np.zeros((len(first), 3))
     step[:, :2] = (outwards[image] @ (observations.xy[first] - centre_px[image])[:, :, None])[:, :, 0]
     return np.where(observations.survey_weight > 0.0, observations.survey, move_ground(centre[image], step))

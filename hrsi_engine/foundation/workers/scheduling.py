@@ -9,13 +9,12 @@ taken, in the order of the jobs; if a worker dies, its call is repeated by anoth
 """
 
 import hashlib
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack, contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
-from heapq import heappop, heappush
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -23,7 +22,7 @@ import numpy as np
 from ..progress import Progress, advance, silent
 from .certificates import CONFIGURED, Certificates
 from .cluster import OnWorker, open_client
-from .threads import one_thread_calls, one_thread_filters, thread_count
+from .threads import call_in_order, one_thread_calls, one_thread_filters, thread_count
 
 PartResult = dict[str, np.ndarray]
 
@@ -103,14 +102,18 @@ def run_parts(
 
     if missing:
         tell(missing[0])
-        # Task graph in Dask's form: the missing parts and all parts that they need
-        graph, waiting = Graph(), list(missing)
-        while waiting:
-            key = waiting.pop()
-            if key not in graph:
-                part = by_key[key]
-                graph[key] = (partial(part.function, part.job), *part.needs)  # partial: Dask does not search the job
-                waiting += part.needs
+        # Task graph in Dask's form: the missing parts, each after those that it needs
+        graph = Graph()
+
+        def add(key: str) -> None:
+            part = by_key[key]
+            for need in part.needs:
+                if need not in graph:
+                    add(need)
+            graph[key] = (partial(part.function, part.job), *part.needs)  # partial: Dask does not search the job
+
+        for key in missing:
+            add(key)
         scheduler(graph, missing, finish)
     return {key: results[key] for key in missing_keys}
 
@@ -140,56 +143,28 @@ def open_scheduler(address: str | None = None, threads: int = 0, certificates: C
     count = thread_count(threads)
 
     def run_by_threads(graph: Graph, wanted: Sequence[str], done: Done) -> None:
-        place = _number_tasks(graph, wanted)
-        order = list(place)
-        users: dict[str, list[str]] = {key: [] for key in order}
-        for key in order:
+        users = Counter(need for _, *needs in graph.values() for need in set(needs))
+        requested, results = set(wanted), dict[str, PartResult]()  # results that other parts still need
+
+        def call(key: str) -> PartResult:
+            function, *needs = graph[key]
+            result: PartResult = function(*(results[need] for need in needs))
+            return result
+
+        def take(key: str, result: PartResult) -> None:
+            if key in requested:
+                done(key, result)
+            if users[key]:
+                results[key] = result
             for need in set(graph[key][1:]):
-                users[need].append(key)
-        missing = {key: len(set(graph[key][1:])) for key in order}
-        ready = [place[key] for key in order if not missing[key]]  # sorted, and therefore a heap
-        requested, results = set(wanted), dict[str, PartResult]()
-        working: dict[Future[PartResult], str] = {}
-        with ExitStack() as ending:
-            ending.enter_context(one_thread_calls())
-            ending.enter_context(one_thread_filters())
-            pool = ThreadPoolExecutor(count)
-            ending.callback(pool.shutdown, wait=True, cancel_futures=True)
-            while ready or working:
-                while ready and len(working) < count:
-                    key = order[heappop(ready)]
-                    call, *needs = graph[key]
-                    working[pool.submit(call, *(results[need] for need in needs))] = key
-                for future in wait(working, return_when=FIRST_COMPLETED).done:
-                    key = working.pop(future)
-                    result = future.result()
-                    if key in requested:
-                        done(key, result)
-                    if users[key]:
-                        results[key] = result
-                    for user in users[key]:
-                        missing[user] -= 1
-                        if not missing[user]:
-                            heappush(ready, place[user])
-                    for need in set(graph[key][1:]):
-                        users[need].remove(key)
-                        if not users[need]:
-                            del results[need]
+                users[need] -= 1
+                if not users[need]:
+                    del results[need]
+
+        with one_thread_calls(), one_thread_filters():
+            call_in_order({key: needs for key, (_, *needs) in graph.items()}, call, count, take)
 
     return run_by_threads
-
-
-def _number_tasks(graph: Graph, keys: Sequence[str]) -> dict[str, int]:
-    """Return the position of each task in a topological order: all wanted tasks, each after the tasks that it needs."""
-    place, waiting = dict[str, int](), list(reversed(keys))
-    while waiting:
-        key = waiting.pop()
-        behind = [need for need in graph[key][1:] if need not in place]
-        if key not in place and behind:
-            waiting += [key, *reversed(behind)]
-        elif key not in place:
-            place[key] = len(place)
-    return place
 
 
 # ---- keys ----------------------------------------------------------------------------------------------------------

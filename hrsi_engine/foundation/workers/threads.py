@@ -1,16 +1,20 @@
-"""Number of threads of a run, and limits on the threads of BLAS and OpenCV while parts run in parallel."""
+"""Number of threads of a run, calls in several threads, and limits on the threads of BLAS and OpenCV meanwhile."""
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from functools import lru_cache
+from graphlib import TopologicalSorter
+from heapq import heappop, heappush
 from importlib import import_module
 from importlib.util import find_spec
 from threading import Lock
-from typing import Any
+from typing import Any, TypeVar
 
+TaskKey = TypeVar("TaskKey", bound=Hashable)
 _of_run = ContextVar("_of_run", default=0)
 
 
@@ -96,3 +100,31 @@ one_thread_filters = _OneThreadLimit(_limit_opencv).hold
 def are_one_thread_calls() -> bool:
     """Return whether BLAS is limited to the calling thread at present, by `one_thread_calls`."""
     return _calls.held
+
+
+def call_in_order(
+    needs: Mapping[TaskKey, Collection[TaskKey]],
+    call: Callable[[TaskKey], Any],
+    threads: int,
+    take: Callable[[TaskKey, Any], None] = lambda key, result: None,
+) -> None:
+    """Call ``call(key)`` in threads for each key, after the keys that it needs, and ``take(key, result)`` in this one.
+
+    needs : for each key the keys that it needs. Of the keys that are ready the first in this mapping is called next,
+        so that few intermediate results are in memory
+    """
+    place = {key: number for number, key in enumerate(needs)}
+    sorter = TopologicalSorter(needs)
+    sorter.prepare()
+    ready, running = list[tuple[int, TaskKey]](), dict[Future[Any], TaskKey]()
+    with ThreadPoolExecutor(threads) as pool:
+        while sorter.is_active():
+            for key in sorter.get_ready():
+                heappush(ready, (place[key], key))
+            while ready and len(running) < threads:
+                _, key = heappop(ready)
+                running[pool.submit(call, key)] = key
+            for completed in wait(running, return_when=FIRST_COMPLETED).done:
+                key = running.pop(completed)
+                take(key, completed.result())
+                sorter.done(key)
