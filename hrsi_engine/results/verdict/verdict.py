@@ -153,7 +153,7 @@ def find_reasons(evidence: Evidence, input_reasons: Sequence[Reason] = ()) -> li
 def summarise_accuracy(report: Mapping[str, Any]) -> str:
     """Return the accuracy of a block in one sentence, from the figures of its report.
 
-    ``3 images, tie points 0.06 px RMSE; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m``
+    ``3 images, tie points 0.06 px RMSE; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m (predicted 1.7)``
     """
     images, ties, check = len(report["images"]), report["ties"], report["check"]
     tied = ties["images"]
@@ -163,8 +163,7 @@ def summarise_accuracy(report: Mapping[str, Any]) -> str:
     limits = "; ".join(f"{len(ids)} {subject}: {list_ids(ids)}" for subject, ids in weak.items() if ids)
     text += f"; {_format_count(gcps, 'GCP')}{f' ({limits})' if limits else ''}"
     text += f", {_format_count(check['points'], 'check point')}"
-    part = next(iter(report["parts"]), None) or {}
-    accuracy = _describe_check_points(check, part) if check["points"] else _describe_prediction(report)
+    accuracy = _describe_check_points(check) if check["points"] else _describe_prediction(report)
     untested = report.get("untested_by_check_points")
     if untested is not None:  # the error of coordinate operations common to check points
         with_it = {
@@ -180,11 +179,10 @@ def _format_count(number: int, noun: str) -> str:
     return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
 
 
-def _describe_check_points(check: Mapping[str, Any], predicted: Mapping[str, Any]) -> str:
-    """Return the accuracy by check points as text, with the prediction for the points of the block.
+def _describe_check_points(check: Mapping[str, Any]) -> str:
+    """Return the accuracy by check points as text, with the prediction for their errors, survey errors among them.
 
-    Without ground position it is the accuracy in the image. The prediction is that of a block without check points: it
-    contains no survey errors of theirs.
+    Without ground position it is the accuracy in the image.
     """
     if check["ce90_m"] is None:
         if check["rmse_sample_px"] is None:
@@ -193,14 +191,11 @@ def _describe_check_points(check: Mapping[str, Any], predicted: Mapping[str, Any
         return f"RMSE {sample} px in sample, {line} px in line"
     parts = []
     for name, key in ACCURACIES.items():
-        value, expected = check[key], predicted.get(key)
+        value, expected = check[key], check["predicted"].get(key)
         if value is None:
             continue
-        # the predicted LE90 is given only if it is wrong by a factor of two
-        with_prediction = expected is not None and (name == "CE90" or not 0.5 < value / expected < 2.0)
-        parts.append(
-            f"{name} {format_figure(value)} m" + (f" (predicted {format_figure(expected)})" if with_prediction else "")
-        )
+        prediction = f" (predicted {format_figure(expected)})" if expected is not None else ""
+        parts.append(f"{name} {format_figure(value)} m{prediction}")
     return ", ".join(parts)
 
 
