@@ -1,7 +1,7 @@
 """Comparison of a DEM with the heights of the adjusted tie points: another relief, a displacement, undeclared nodata.
 
-A correct DEM differs from the tie points by its errors, trees and roofs, and by a constant if the height datums differ:
-by metres, also on steep ground. A DEM that is displaced, mirrored, of another quantity or filled with an undeclared
+A correct DEM differs from the tie points by its errors, trees and roofs, by a constant if the height datums differ, and
+by a tilt of a block without GCPs: by metres otherwise, also on steep ground. A DEM that is displaced, mirrored, of another quantity or filled with an undeclared
 nodata value differs by as much as the relief. The displacement and its covariance are those of `surface.matching`.
 """
 
@@ -69,14 +69,30 @@ def find_relief_reasons(
         )
         advice = "check georeference and CRS of the DEM, and those of the ground points"
         return [Reason("dem-unlike-ground", Level.DOUBTFUL, message, advice)]
-    if scatter > max(RELIEF.unlike_m, EQUALITY.majority * relief, SIGNIFICANCE.certain * sigma_h_m):
+    scatter = robust_sigma(_without_tilt(ground, miss, SIGNIFICANCE.certain * sigma_h_m))
+    if scatter > max(RELIEF.unlike_m, EQUALITY.majority * relief):
         message = (
             f"the heights of {len(ground)} tie points and the DEM differ by {scatter:.0f} m (robust standard "
             f"deviation), while the relief is {relief:.0f} m: the DEM does not show this terrain"
         )
-        advice = "check that the file contains heights of this area, in metres and in the correct orientation"
+        advice = (
+            "check that the file contains heights of this area, in metres and in the correct orientation, and that each "
+            "RPC is that of its image"
+        )
         return [Reason("dem-unlike-ground", Level.UNUSABLE if holds else Level.DOUBTFUL, message, advice)]
     return []
+
+
+def _without_tilt(ground: np.ndarray, miss_m: np.ndarray, largest_m: float) -> np.ndarray:
+    """Return height differences (n,) without their mean and the tilt of a block of uncertain height.
+
+    largest_m : largest height of the tilt from the middle to the edges of the block; more belongs to the DEM
+    """
+    place = ground[:, :2] - ground[:, :2].mean(axis=0)
+    place /= np.maximum(np.abs(place).max(axis=0), np.finfo(float).tiny)
+    slope = np.linalg.lstsq(place, miss_m - miss_m.mean(), rcond=None)[0]
+    tilted = miss_m - place @ np.clip(slope, -largest_m, largest_m)
+    return np.asarray(tilted - np.median(tilted))
 
 
 def _is_displaced(match: SurfaceMatch, cell_m: float, sigma_plan_m: float) -> bool:

@@ -23,7 +23,7 @@ from ...hrsi_engine.block.block import Block, Image, ImagePoints
 from ...hrsi_engine.block.laser import LaserPoints
 from ...hrsi_engine.block.orthoimage import ReferencePlaces
 from ...hrsi_engine.foundation.errors import InputError, SolveError
-from ...hrsi_engine.foundation.reasons import Reason
+from ...hrsi_engine.foundation.reasons import Level, Reason
 from ...hrsi_engine.measurement.no_match import explain_no_matches
 from ...hrsi_engine.measurement.tie_points import find_overlapping_pairs
 from ...hrsi_engine.results.block_results import assemble_result
@@ -138,8 +138,14 @@ class BlockRun:
             self.images, search, self._dem, output_dir, self._searching, earlier_ids
         )
         measured = ties.image_points
-        if not (len(measured) or self._ties or self.points.gcps or self.points.image_points):
-            raise SolveError(explain_no_matches(self.images, ties.pairs, search.search.smallest_overlap))
+        has_points = self.points.gcps or self.points.image_points
+        if not (len(measured) or self._ties) and (ties.pairs or not has_points):
+            cause = explain_no_matches(self.images, ties.pairs, search.search.smallest_overlap)
+            if not has_points:
+                raise SolveError(cause)
+            advice = "look at the pixels: points measured by hand do not show what was done to the images afterwards"
+            ids = tuple(image.id for image in self.images)
+            self.reasons.append(Reason("few-ties", Level.DOUBTFUL, cause, advice, ids))
         for table in self.earlier.ties:
             measured, *_ = join_ties(measured, table)
         self._ties.append(measured)

@@ -81,7 +81,15 @@ def test_a_dem_of_other_ground(seed: int) -> None:
     for wrong in (heights[::-1], heights[:, ::-1], heights.T, 600.0 + 0.0 * heights, -heights, cells(seed + 99, 200.0)):
         assert codes(ground, dem(wrong), holds=True) == {"dem-unlike-ground": Level.UNUSABLE}
         assert codes(ground, dem(wrong)) == {"dem-unlike-ground": Level.DOUBTFUL}
-        assert codes(ground, dem(wrong), sigma_h_m=100.0) == {}
+        assert codes(ground, dem(wrong), sigma_h_m=100.0) == {"dem-unlike-ground": Level.DOUBTFUL}
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_tilt_of_a_block_without_gcps_is_no_error_of_the_dem(seed: int) -> None:
+    ground = ties(seed, 20.0)
+    ground[:, 2] += 60.0 * (ground[:, 0] - ground[:, 0].mean()) / np.ptp(ground[:, 0])
+    assert codes(ground, dem(cells(seed, 20.0)), sigma_h_m=15.0) == {}
+    assert codes(ground, dem(cells(seed, 20.0)), sigma_h_m=0.5) == {"dem-unlike-ground": Level.DOUBTFUL}
 
 
 @pytest.mark.parametrize("value", [0.0, 255.0, -500.0])

@@ -60,7 +60,10 @@ def test_points_without_heights_on_one_image(scene: Path, tmp_path: Path) -> Non
 
 
 def test_no_match_is_no_wrong_input(scene: Path, tmp_path: Path) -> None:
-    """A flipped image: the search says what it tried and which causes are likely, and is not solvable (exit code 1)."""
+    """A flipped image: the search says what it tried and which causes are likely, and is not solvable (exit code 1).
+
+    Points that were measured before it was flipped orient it all the same: the verdict has the cause.
+    """
     block = tmp_path / "block"
     run("simulate", images=2, along="-10,10", size=300, gcps=4, checks=0, ties=0, relief=60.0, output_dir=str(block))
     source = gdal.Open(str(block / "image_1.tif"))
@@ -70,6 +73,12 @@ def test_no_match_is_no_wrong_input(scene: Path, tmp_path: Path) -> None:
     images = [str(tmp_path / "flipped.tif"), str(block / "image_2.tif")]
     with pytest.raises(SolveError, match=r"no match in 1 pair.*flipped.*mirror"):
         run("triangulate", images=images, output_dir=str(tmp_path / "out"))
+    (tmp_path / "flipped.tif").rename(tmp_path / "image_1.tif")
+    images[0] = str(tmp_path / "image_1.tif")
+    points = {"gcps": str(block / "ground_points.csv"), "image_points": str(block / "image_points.csv")}
+    report = run("triangulate", images=images, **points, height_datum="ellipsoidal", output_dir=str(tmp_path / "out"))
+    (reason,) = report["verdict"]["reasons"]
+    assert reason["code"] == "few-ties" and "mirror" in reason["message"]
 
 
 def test_rpc_and_points_in_other_forms(scene: Path, tmp_path: Path, case_data: Path, real_data: Path) -> None:
