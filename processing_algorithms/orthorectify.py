@@ -114,7 +114,7 @@ def summarise(report: Report) -> str:
         error = entry["position_error_max_px"]
         lines.append(
             f"{name}: {entry['columns']} x {entry['rows']} px, {entry['status']}"
-            + ("" if error is None else f", position error at most {error:.3f} px of {entry['checked']} checked")
+            + ("" if error is None else f", interpolated positions within {error:.3f} px at {entry['checked']} points")
             + (f", {entry['hidden_share']:.1%} of the ground is hidden" if "hidden_share" in entry else "")
         )
     if entry := report.get("mosaic"):

@@ -20,6 +20,7 @@ from ..block.block import Image
 from ..camera.rpc import RPC
 from ..camera.rpc_terms import EVALUATION
 from ..foundation.errors import InputError
+from ..foundation.thresholds import GROUND
 from ..ground.crs_operations import operations_of
 from ..ground.geodesy import metres_per_degree, wrap_degrees
 from ..ground.geoids import GEOID, GEOID_GRIDS, geoid_heights
@@ -27,6 +28,8 @@ from ..ground.map_crs import UPS_NORTH, UPS_SOUTH, map_epsg, utm_zone
 from .control import ControlMeasurements
 
 FEET_M = 0.3048
+#: Units of heights that files do not state, in metres.
+UNSTATED_UNITS_M = {"feet": FEET_M, "decimetres": 0.1, "centimetres": 0.01}
 DEGREES, WEB_MERCATOR = 4326, 3857  # EPSG codes
 
 
@@ -223,6 +226,16 @@ def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray 
     except InputError:
         return None
     return moved if np.isfinite(moved).all() else None
+
+
+def describe_height_unit(metres: np.ndarray, heights: np.ndarray) -> str:
+    """Return in which unit heights (n,) of a raster agree with known ones in metres (n,), and how to state it, or ""."""
+    for unit, factor in {"": 1.0, **UNSTATED_UNITS_M}.items():
+        if np.nanmedian(np.abs(metres - factor * heights)) < GROUND.margin_m:
+            return (
+                unit and f"they agree if these are in {unit}: state it in the file, with gdal_edit.py -scale {factor:g}"
+            )
+    return ""
 
 
 def _iterate_height_mistakes(control: ControlMeasurements, shift_m: np.ndarray) -> Iterator[GroundHypothesis]:

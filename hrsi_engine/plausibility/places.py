@@ -21,7 +21,7 @@ from ..ground.geoids import height_difference
 from ..surface.dem import RAY_TRACING, HeightSurface, Status, intersect_surface, surface_heights
 from .accuracy import ImageAccuracy
 from .control import CONTROL_FIT, GROUP
-from .mistakes import FEET_M, find_undulations
+from .mistakes import FEET_M, describe_height_unit, find_undulations
 
 
 @thresholds
@@ -245,9 +245,13 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
         advice = f"check the height datum of both (`{argument}`)"
         reasons.append(Reason("height-datum", Level.DOUBTFUL, message, advice, (), ids))
     elif abs(found.median_m) > PLACEMENT.dem_difference_m:
-        message = text
-        advice = "check height datum (`height_datum`, `dem_datum`) and unit of both"
-        reasons.append(Reason("height-offset", Level.DOUBTFUL, message, advice, (), ids))
+        unit = describe_height_unit(ground[:, 2], of_dem)
+        code, advice = (
+            ("height-unit", unit)
+            if unit
+            else ("height-offset", "check height datum (`height_datum`, `dem_datum`) and unit of both")
+        )
+        reasons.append(Reason(code, Level.DOUBTFUL, text, advice, (), ids))
     return reasons
 
 

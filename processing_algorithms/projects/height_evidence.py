@@ -20,7 +20,7 @@ from ...hrsi_engine.foundation.robust_scale import robust_sigma
 from ...hrsi_engine.foundation.thresholds import GRIDS, GROUND, SAMPLES, threshold, thresholds
 from ...hrsi_engine.io.rasters.dems import open_geoid
 from ...hrsi_engine.measurement.point_transfer import transfer_point
-from ...hrsi_engine.plausibility.mistakes import find_undulations
+from ...hrsi_engine.plausibility.mistakes import describe_height_unit, find_undulations
 
 
 @thresholds
@@ -68,6 +68,8 @@ def weigh_hypotheses(
         f"{what} are {middle[0]:+.1f} m higher if these are ellipsoidal, {middle[1]:+.1f} m if these refer to the "
         f"geoid ({known.sum()} points, sigma {sigma:.1f} m)"
     )
+    if not is_decisive and (unit := describe_height_unit(ellipsoidal_m[known], unknown_m[known])):
+        figures += f"; {unit}"
     return DatumEvidence(("ellipsoidal", geoid[0])[best] if is_decisive else None, figures)
 
 

@@ -108,7 +108,8 @@ class TieSearch:
         if not overlapping:
             raise InputError(
                 f"no two images of {list_ids(image.id for image in images)} overlap between the heights of their RPCs: "
-                "check that they show the same area, or name a DEM with `dem`"
+                "check that they show the same area, "
+                + ("and the unit of the DEM's heights" if self.surface else "or name a DEM with `dem`")
             )
         return overlapping
 
