@@ -229,12 +229,11 @@ def _reproject_misread(ground: np.ndarray, read: int, meant: int) -> np.ndarray 
 
 
 def describe_height_unit(metres: np.ndarray, heights: np.ndarray) -> str:
-    """Return in which unit heights (n,) of a raster agree with known ones in metres (n,), and how to state it, or ""."""
+    """Return the unit in which heights (n,) of a raster agree with those in metres (n,), and how to state it; or ""."""
     for unit, factor in {"": 1.0, **UNSTATED_UNITS_M}.items():
         if np.nanmedian(np.abs(metres - factor * heights)) < GROUND.margin_m:
-            return (
-                unit and f"they agree if these are in {unit}: state it in the file, with gdal_edit.py -scale {factor:g}"
-            )
+            state_it = f"state it in the file with gdal_edit.py -scale {factor:g}"
+            return f"they agree if these are in {unit}: {state_it}" if unit else ""
     return ""
 
 

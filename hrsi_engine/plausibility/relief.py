@@ -1,8 +1,9 @@
 """Comparison of a DEM with the heights of the adjusted tie points: another relief, a displacement, undeclared nodata.
 
 A correct DEM differs from the tie points by its errors, trees and roofs, by a constant if the height datums differ, and
-by a tilt of a block without GCPs: by metres otherwise, also on steep ground. A DEM that is displaced, mirrored, of another quantity or filled with an undeclared
-nodata value differs by as much as the relief. The displacement and its covariance are those of `surface.matching`.
+by a tilt of a block without GCPs: by metres otherwise, also on steep ground. A DEM that is displaced, mirrored, of
+another quantity or filled with an undeclared nodata value differs by as much as the relief. The displacement and its
+covariance are those of `surface.matching`.
 """
 
 import numpy as np
@@ -76,8 +77,8 @@ def find_relief_reasons(
             f"deviation), while the relief is {relief:.0f} m: the DEM does not show this terrain"
         )
         advice = (
-            "check that the file contains heights of this area, in metres and in the correct orientation, and that each "
-            "RPC is that of its image"
+            "check that the file contains heights of this area, in metres and in the correct orientation, and that "
+            "each RPC is that of its image"
         )
         return [Reason("dem-unlike-ground", Level.UNUSABLE if holds else Level.DOUBTFUL, message, advice)]
     return []

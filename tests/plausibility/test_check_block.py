@@ -245,6 +245,8 @@ def test_heights_that_disagree_with_the_dem():
     flat = with_xy(flat, xy)
     assert codes(flat, surface=ConstantHeight(203.0)) == {}
     assert codes(flat, surface=ConstantHeight(160.0)) == {"height-offset": Level.DOUBTFUL}
+    for height in (200.0 / FOOT_M, 2000.0, 20000.0):  # in feet, decimetres and centimetres
+        assert codes(flat, surface=ConstantHeight(height)) == {"height-unit": Level.DOUBTFUL}
 
 
 def test_heights_all_alike():

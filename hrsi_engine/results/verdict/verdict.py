@@ -153,7 +153,7 @@ def find_reasons(evidence: Evidence, input_reasons: Sequence[Reason] = ()) -> li
 def summarise_accuracy(report: Mapping[str, Any]) -> str:
     """Return the accuracy of a block in one sentence, from the figures of its report.
 
-    ``3 images, tie points 0.06 px RMSE; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m (predicted 1.7)``
+    ``3 images, tie points 0.06 px RMSE; 10 GCPs, 61 check points: CE90 0.9 m (predicted 0.9), LE90 1.9 m (…)``
     """
     images, ties, check = len(report["images"]), report["ties"], report["check"]
     tied = ties["images"]
