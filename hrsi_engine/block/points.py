@@ -57,7 +57,9 @@ class Role(IntEnum):
 ROLE_LABELS = np.array([role.label for role in Role])
 _ROLE_NAMES = {
     "gcp": Role.GCP, "control": Role.GCP, "check": Role.CHECK, "chk": Role.CHECK, "checkpoint": Role.CHECK,
-    "cp": Role.CHECK, "icp": Role.CHECK, "check point": Role.CHECK, "control point": Role.GCP,
+    "cp": Role.CHECK, "icp": Role.CHECK, "check point": Role.CHECK, "control point": Role.GCP, "ctl": Role.GCP,
+    "ground control": Role.GCP, "ground control point": Role.GCP, "passpunkt": Role.GCP, "kontrollpunkt": Role.CHECK,
+    "independent check": Role.CHECK, "independent check point": Role.CHECK, "rejected": Role.OFF, "disabled": Role.OFF,
     "tie": Role.TIE, "off": Role.OFF, "held_out": Role.HELD_OUT, "held-out": Role.HELD_OUT,
 }  # fmt: skip
 POINT_OPERATIONS = "HRSI_POINT_OPERATIONS"  #: metadata of a layer of ground points, from `describe_operations`

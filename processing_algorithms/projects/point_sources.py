@@ -29,7 +29,6 @@ from .unusable_points import find_fault, holds_most, read_ids
 #: Words of file names and of fields that state the role of points.
 CHECK_WORDS = re.compile(r"(?<![a-z])(check|chk|cp|icp|ckp|validation|verif|test|kontroll?|pruef)", re.IGNORECASE)
 CONTROL_WORDS = re.compile(r"(?<![a-z])(control|ctrl|gcp|pass)", re.IGNORECASE)
-ROLE_FIELD = re.compile(r"role|type|kind|class|use|usage|status|art|typ", re.IGNORECASE)
 #: Words of fields of vector layers that are ids and heights.
 ID_FIELD = re.compile(r"id|nr|no|num|name|nom|punkt|point|pt|mat", re.IGNORECASE)
 HEIGHT_FIELD = re.compile(
@@ -235,11 +234,11 @@ def _complete(spec: str, tables: PointTables, images: Mapping[str, Image], crs: 
     if len(table) > SAMPLES.large:
         return spec, tables
     listed = spec.partition("|columns=")[2]  # meanings of all columns, or fields chosen by name
-    known = match_fields(table.field_names).values()
+    known = [k for field, k in match_fields(table.field_names).items() if field not in ("check", "use")]
     names = [] if listed and "=" not in listed else table.field_names
     spare = [name for k, name in enumerate(names) if k not in known and f"={name}" not in listed]
     for name in spare:
-        if ROLE_FIELD.fullmatch(name.strip()) and not (tables.ground.role >= 0).any():
+        if not (tables.ground.role >= 0).any():  # by its words, whatever its name
             read = _try(f"{spec}|columns=role={name}", images, crs)
             if read is not None and read.ground is not None and (read.ground.role == Role.GCP).any():
                 spec, tables = f"{spec}|columns=role={name}", read

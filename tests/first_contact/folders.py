@@ -217,10 +217,11 @@ def write_matrix(source: Source, path: Path) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def type_column(source: Source, folder: Path) -> None:
+def role_column(source: Source, folder: Path) -> None:
     copy(source, folder)
-    rows = [{**row, "type": {"gcp": "GCP", "check": "CP"}[row["role"]]} for row in source.ground]
-    write_csv(folder / "gcps.csv", rows, ["id", "type", "lon", "lat", "height"])
+    words = {"gcp": "Ground control", "check": "independent check"}
+    rows = [{**row, "remarks": words[row["role"]], "enabled": "yes"} for row in source.ground]
+    write_csv(folder / "gcps.csv", rows, ["id", "remarks", "lon", "lat", "height", "enabled"])
 
 
 def rpc_files_alone(source: Source, folder: Path) -> None:
@@ -436,7 +437,7 @@ def control_outside_the_image(source: Source, folder: Path) -> None:
 
 FOLDERS: tuple[Callable[[Source, Path], None], ...] = (
     as_simulated, text_without_header, geopackage_and_file_per_image, shapefile_and_orthometric_dem, geojson_and_nan,
-    excel, degrees_minutes_seconds, georeferencer, control_and_check_apart, type_column, rpc_files_alone, side_files,
+    excel, degrees_minutes_seconds, georeferencer, control_and_check_apart, role_column, rpc_files_alone, side_files,
     virtual_and_cloud_optimised, without_control, images_alone, one_image_with_control, one_image_alone,
     earlier_result, nothing_usable, umlauts_and_blanks, small_dem, laser, reference_orthoimage,
     orthometric_dem_without_control, rpc_files_with_tie_points, control_outside_the_image,

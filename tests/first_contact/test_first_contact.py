@@ -33,7 +33,7 @@ ROLES: dict[str, dict[str, str]] = {
     "excel": {"Passpunkte.csv": "GCPs: 18", **MEASURED},
     "georeferencer": {"image_1.tif.points": "GCPs: 18"},
     "control_and_check_apart": {"control_points.csv": "GCPs: 6", "check_points.csv": "check points: 12", **MEASURED},
-    "type_column": {"gcps.csv": "ground points with roles: 6 GCPs, 12 check points"},
+    "role_column": {"gcps.csv": "ground points with roles: 6 GCPs, 12 check points"},
     "rpc_files_alone": {"image_1_RPC.TXT": "RPC without pixels", "gcps.csv": "GCPs: 18", **MEASURED},
     "without_control": {"dem.tif": "DEM"},
     "orthometric_dem_without_control": {"dem.tif": "DEM"},

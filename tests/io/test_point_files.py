@@ -74,6 +74,17 @@ def test_layers_in_any_crs_give_the_same_points(tmp_path: Path, extension: str, 
     assert tables.warnings == ()
 
 
+def test_flags_of_check_points_and_of_points_in_use(tmp_path: Path) -> None:
+    rows = ["A,1,yes", "B,0,yes", "C,1,no", "D,0,Yes"]
+    path = tmp_path / "p.csv"
+    path.write_text("\n".join(["id,check,use,lon,lat,height", *(f"{row},147,-42,30" for row in rows)]))
+    ground = read_points(str(path), height_datum="ellipsoidal").ground
+    assert ground.role.tolist() == [Role.CHECK, Role.GCP, Role.OFF, Role.GCP]
+    path.write_text(path.read_text().replace("check,use", "check,enabled").replace("C,1", "C,maybe"))
+    ground = read_points(str(path), height_datum="ellipsoidal").ground
+    assert ground.role.tolist() == [UNSET, UNSET, Role.OFF, UNSET]
+
+
 def test_height_field_of_a_2d_layer(tmp_path: Path) -> None:
     fields = {
         "id": IDS,

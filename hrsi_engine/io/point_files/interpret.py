@@ -13,7 +13,6 @@ correlations and sigmas, and these over ``sigma_xy``.
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -169,14 +168,7 @@ def _ground_points(table: PointTable, reference: Reference) -> tuple[GroundPoint
     placed = ground_positions(table, reference)
     ground, warnings = placed.ground, placed.warnings
     require_heights(ground[:, 2], table.name_row)
-    role = np.full(len(table), UNSET, dtype=np.int8)
-    names, index = find_unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
-    for number, name in enumerate(names):
-        with suppress(KeyError):
-            parsed = Role.parse(str(name))
-            role[index == number] = UNSET if parsed is None else parsed
-            continue
-        table.refuse(index == number, f"role {str(name)!r} is unknown: use gcp, check, tie or off")
+    role = _roles(table)
     sigma, covariance = survey_accuracy(table)
     if reference.adjusted and ADJUSTED_SIGMA in table.columns:
         sigma, covariance = np.column_stack([sigma[:, 0], table.columns[ADJUSTED_SIGMA]]), None
@@ -208,6 +200,35 @@ def _ground_points(table: PointTable, reference: Reference) -> tuple[GroundPoint
     )
     points = points.select(order)
     return with_operations(points, table.operations) if table.operations and not placed.operations else points, warnings
+
+
+#: Roles of the points whose flag is set, and of the others, by the field of the flag.
+_FLAG_ROLES = {"check": (Role.CHECK, Role.GCP), "use": (UNSET, Role.OFF)}
+_FLAGS = {"1": True, "yes": True, "true": True, "y": True, "0": False, "no": False, "false": False, "n": False}
+
+
+def _roles(table: PointTable) -> np.ndarray:
+    """Return the roles (n,) by the field `role`, or by flags of points that are used, or are check points.
+
+    Raises `InputError` for an unknown word in `role`; other fields with other words than flags have another meaning.
+    """
+    role = np.full(len(table), UNSET, dtype=np.int8)
+    for field, (if_set, otherwise) in _FLAG_ROLES.items():
+        words, index = find_unique_ids(np.char.lower(table.columns.get(field, np.zeros(0, dtype="U1"))))
+        flags = [_FLAGS.get(str(word)) for word in words]
+        if flags and None not in flags:
+            of_flag = np.where(flags, if_set, otherwise)[index]
+            role = np.where(of_flag == UNSET, role, of_flag).astype(np.int8)
+    names, index = find_unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
+    for number, name in enumerate(names):
+        try:
+            parsed = Role.parse(str(name))
+        except KeyError:
+            table.refuse(index == number, f"role {str(name)!r} is unknown: use gcp, check, tie or off")
+            continue
+        if parsed is not None:
+            role[index == number] = parsed
+    return role
 
 
 #: Names of variance and standard deviation of each axis, and of covariance and correlation of each pair of axes.

@@ -85,6 +85,8 @@ TEXT_FIELDS: dict[str, tuple[str, ...]] = {
     "id": ("id", "point_id", "pointid", "gcp_id", "point", "name", "fid"),
     "image": ("image", "image_id", "filename", "file"),
     "role": ("role",),
+    "check": ("check", "is_check", "checkpoint"),
+    "use": ("use", "enabled", "enable", "active"),
     "kind": ("kind",),
     "track": ("track",),
     "photo": ("photo",),
