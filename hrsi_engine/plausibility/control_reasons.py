@@ -328,8 +328,8 @@ def _make_misfit_reason(control: ControlMeasurements, given: ControlFit, rivals:
         "control-implausible",
         Level.UNUSABLE,
         "the median distance of the ground points from their positions by the RPCs of "
-        f"{list_ids(control.image_ids(wrong))} is {_format_median_distance(given, wrong)}, too much for an error of "
-        f"these RPCs (about {sigma:.3g} m); "
+        f"{list_ids(control.image_ids(wrong))} is {_format_median_distance(given, wrong)}, "
+        + (f"too much for an error of these RPCs (about {sigma:.3g} m); " if alike else "and differs between points; ")
         + (f"possible causes: {', or '.join(causes)}" if rivals else "no frequent input error explains it")
         + (f" (equal for all points: {_format_shifts(control, wrong)})" if alike else ""),
         "check CRS, columns and ids of ground and image points, and that the RPC belongs to these pixels: a crop and "

@@ -217,7 +217,7 @@ def _roles(table: PointTable) -> np.ndarray:
         words, index = find_unique_ids(np.char.lower(table.columns.get(field, np.zeros(0, dtype="U1"))))
         flags = [_FLAGS.get(str(word)) for word in words]
         if flags and None not in flags:
-            of_flag = np.where(flags, if_set, otherwise)[index]
+            of_flag = np.where(np.array(flags, dtype=bool), if_set, otherwise)[index]
             role = np.where(of_flag == UNSET, role, of_flag).astype(np.int8)
     names, index = find_unique_ids(table.columns.get("role", np.zeros(len(table), dtype="U1")))
     for number, name in enumerate(names):
