@@ -18,12 +18,14 @@ from ...hrsi_engine.foundation.errors import HrsiError, InputError
 from ...hrsi_engine.ground.map_crs import map_epsg_of
 from ...hrsi_engine.io.catalogue.deliveries import resolve_images
 from ...hrsi_engine.io.laser_files import read_laser
+from ...hrsi_engine.io.opening.datasets import open_dataset
 from ...hrsi_engine.io.output_dir import RESULT_FILES
 from ...hrsi_engine.io.point_files.find import read_table
 from ...hrsi_engine.io.point_files.ogr_layer import is_area
 from ...hrsi_engine.io.rasters.dems import RasterKind, find_raster_kind
 from ...hrsi_engine.io.rasters.images import open_image_and_source
 from ...hrsi_engine.io.rpc_files.find import read_rpc_or_none, rpc_reader_of
+from ..files.opening import require_ids
 from .height_rasters import OWN_ENDING, HeightRaster, find_heights, merge_tiles, parts_of
 from .point_sources import PointSource, read_sources
 
@@ -73,10 +75,11 @@ class FolderContent:
 def read_folder(folder: str) -> FolderContent:
     """Open all files of a folder and return what they are.
 
-    Raises `InputError` if the folder contains no image with an RPC.
+    Raises `InputError` if the folder contains no image with an RPC, or two with the same id.
     """
     files, results = _list_files(folder)
     opened = [open_image_and_source(one) for one in _find_images(folder, files, results)]
+    require_ids([image.path for image, _ in opened], [image.id for image, _ in opened])
     images = {image.id: image for image, _ in opened}
     content = FolderContent(folder, list(images.values()), [])
     for image, found in opened:
@@ -161,6 +164,9 @@ def _judge_raster(content: FolderContent, path: str, region: np.ndarray) -> File
         content.heights.append(heights)
         size += f" ({heights.crs}, by the place of the images)" if heights.crs else ""
         return FileRole(path, "DSM" if heights.is_dsm else "DEM", size)
+    source = (dataset := open_dataset(path)[0]) and dataset.GetMetadataItem("HRSI_SOURCE")
+    if source in {os.path.basename(image.path) for image in content.images}:
+        return FileRole(path, "orthoimage of HRSI", f"not used: made from {source}, it is no control for it")
     if facts.kind is RasterKind.PICTURE:
         content.references.append(path)
         return FileRole(path, "reference orthoimage", f"{facts.bands} bands, {size}")

@@ -78,7 +78,10 @@ def read_project(path: str, answer: str = "") -> Project:
 
     ``answer`` is the height datum where the file leaves it to the user.
     """
-    path = os.path.join(path, PROJECT_FILE) if os.path.isdir(path) else path
+    if os.path.isdir(path):
+        folder, path = path, os.path.join(path, PROJECT_FILE)
+        if not os.path.exists(path):
+            raise InputError(f"{folder} has no {PROJECT_FILE}: make it with `hrsi init {folder}`")
     require_size(path, "names")
     try:
         with open(path, "rb") as file:

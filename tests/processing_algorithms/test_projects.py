@@ -19,7 +19,7 @@ from browser import chromium_program
 from osgeo import gdal
 
 import hrsi
-from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError
 from hrsi.processing_algorithms import REGISTRY
 from hrsi.processing_algorithms.command_line.cli import main
 from hrsi.processing_algorithms.projects.project_file import FOLDERS, read_project
@@ -188,6 +188,23 @@ def test_a_step_that_fails_is_a_failure_and_hides_no_other(single: Path, tmp_pat
     assert (statuses["triangulate"], statuses["orthorectify"], statuses["evaluate"]) == ("done", "done", "failed")
     assert "nowhere.csv" in report["verdict"]["sentence"] and report["verdict"]["level"] != "ok"
     assert (folder / "result" / "report.html").exists()
+
+
+def test_a_run_that_is_stopped_in_its_first_step_continues(
+    single: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    folder = shutil.copytree(single, tmp_path / "block", ignore=shutil.ignore_patterns("result"))
+
+    def stop(*_args: object, **_named: object) -> None:
+        (folder / "result" / "triangulated" / "unfinished_tie_points").mkdir(parents=True)
+        raise Cancelled
+
+    with monkeypatch.context() as patched:
+        patched.setattr("hrsi.processing_algorithms.run_project._do_step", stop)
+        assert main(["run", str(folder)]) == 130
+    assert main(["run", str(folder), "--no-report", "--steps", "triangulate"]) == 0
+    assert main(["run", str(tmp_path)]) == 2
+    assert f"has no project.toml: make it with `hrsi init {tmp_path}`" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
