@@ -72,9 +72,7 @@ def run(options: RunOptions, context: Context) -> Report:
     }
     results: dict[str, Report] = {}
     with only_writer(folder if options.output_dir is None else None):
-        write_report_json(
-            os.path.join(folder, REPORT_FILE), report
-        )  # a run stopped in its first step continues
+        write_report_json(os.path.join(folder, REPORT_FILE), report)  # a run stopped in its first step continues
         for number, step in enumerate(FOLDERS):
             part = context.stage(number / len(FOLDERS), (number + 1) / len(FOLDERS))
             _do_step(step, project, images, results=results, report=report, options=options, context=part)

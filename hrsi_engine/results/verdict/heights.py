@@ -146,11 +146,13 @@ def find_unused_laser(evidence: Evidence) -> Iterator[Reason]:
 def find_surface_reasons(evidence: Evidence) -> Iterator[Reason]:
     """Yield reasons for parts that the relief displaces by more than the pointing error of their RPCs explains.
 
-    A relief that does not determine a part in plan is a reason of level OK.
+    A relief that does not determine a part in plan is a reason of level OK, if nothing else does.
     """
-    for one in evidence.result.surfaces:
+    result = evidence.result
+    has_control = result.plan is not None or any(part.gcps for part in result.parts)
+    for one in result.surfaces:
         east, north, up = one.match.displacement_m.tolist()
-        if one.open:
+        if one.open and not has_control:
             yield Reason(
                 "not-determined",
                 Level.OK,
@@ -159,7 +161,7 @@ def find_surface_reasons(evidence: Evidence) -> Iterator[Reason]:
                 "orthoimage",
                 images=one.images,
             )
-        elif one.beyond_pointing > ROBUST.outlier:
+        elif not one.open and one.beyond_pointing > ROBUST.outlier:
             yield Reason(
                 "surface-offset",
                 Level.DOUBTFUL,
