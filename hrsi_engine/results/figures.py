@@ -131,7 +131,9 @@ def control_and_check(result: Adjustment, left: Residuals) -> dict[str, Any]:
     points = np.flatnonzero(result.block.points.role == Role.CHECK)
     check |= errors_90(check["rmse_east_m"], check["rmse_north_m"], check["rmse_height_m"])
     check["predicted"] = predict_accuracy(result.covariance_to_surveys_m2(points) + result.survey_covariance_m2(points))
-    control = _survey_entry(result, left, Role.GCP) | {"weak": find_weak_control(result.block)}
+    rejected = sorted({finding.id for finding in result.findings if finding.left_out and finding.what == "ground"})
+    weak = find_weak_control(result.block) | {"rejected": rejected}
+    control = _survey_entry(result, left, Role.GCP) | {"weak": weak}
     return {"control": control, "check": check}
 
 

@@ -89,10 +89,12 @@ def test_gcps_that_disagree_are_told_though_ties_fit():
 def test_a_single_wrong_gcp_is_left_out_and_the_rest_is_used():
     block = sound()
     wrong = rows_of(block, Role.GCP)[3:4]
-    found = reasons_of(simulated_blocks.move_surveys(block, wrong, (0.0, 12.0, 0.0)))
+    block = simulated_blocks.move_surveys(block, wrong, (0.0, 12.0, 0.0))
+    found, name = reasons_of(block), str(block.points.ids[wrong[0]])
     assert found.keys() == {"control-outliers"}
     assert found["control-outliers"].level is Level.DOUBTFUL
-    assert found["control-outliers"].points == (str(block.points.ids[wrong[0]]),)
+    assert found["control-outliers"].points == (name,)
+    assert f"10 GCPs (1 rejected: {name})" in summarise_accuracy(report(adjust(block, SNOOPING)))
 
 
 def test_gcps_far_off_are_told_before_the_adjustment():
