@@ -46,7 +46,7 @@ from ..interface.option_groups import (
 from .inputs import EarlierBlock, open_joined_images, read_block
 from .laser_points import add_height_control, add_laser_points, adjust_at_laser_points, describe_laser, with_surface
 from .outputs import Clock, plan_results, require_room, write_results
-from .plausibility import explain_failures, ground_reasons, input_reasons, offset_warning
+from .plausibility import explain_failures, ground_reasons, input_reasons, offset_warning, placement_reasons
 from .reference_control import read_reference_block, reference_reasons
 from .summary import choice_entries, choice_warnings
 from .tie_search import connection_entries, find_ties, join_ties
@@ -215,12 +215,13 @@ class BlockRun:
 
     def plan(self, together: bool = True) -> Report:
         """Return the report of a dry run; ``together`` is whether the images would be adjusted in one block."""
+        block = getattr(self, "block", None)
         return plan_results(
             self.output,
             self.images,
-            getattr(self, "block", None),
+            block,
             warnings=self.warnings,
-            reasons=self.reasons,
+            reasons=placement_reasons(self.images) if block is None else self.reasons,
             context=self.context,
             pairs=self._pairs_to_match,
             together=together,

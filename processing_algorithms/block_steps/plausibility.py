@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from ...hrsi_engine.adjustment.result import Adjustment
-from ...hrsi_engine.block.block import Block, Role
+from ...hrsi_engine.block.block import Block, Image, Role
 from ...hrsi_engine.foundation.errors import InputError, SolveError
 from ...hrsi_engine.foundation.large_arrays import finite_rows
 from ...hrsi_engine.foundation.reasons import Reason
@@ -29,8 +29,13 @@ def input_reasons(
     The sigmas are a priori standard deviations of the RPCs, if the user gives them.
     """
     found = check_block(block, surface=surface, sigma_shift_px=sigma_shift_px or 0.0, sigma_drift=sigma_drift or 0.0)
-    doubts = {image.id: placement_doubt(image) for image in block.images if image.path}
-    return found + list_placement_reasons({name: doubt for name, doubt in doubts.items() if doubt is not None})
+    return found + placement_reasons(block.images)
+
+
+def placement_reasons(images: Sequence[Image]) -> list[Reason]:
+    """Return the reason for images whose RPC may not be that of their pixels."""
+    doubts = {image.id: placement_doubt(image) for image in images if image.path}
+    return list_placement_reasons({name: doubt for name, doubt in doubts.items() if doubt is not None})
 
 
 @contextmanager

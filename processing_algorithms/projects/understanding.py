@@ -14,7 +14,7 @@ from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import EQUALITY
 from ...hrsi_engine.io.rasters.dems import fill_gaps, open_geoid, read_geoid_heights
 from ...hrsi_engine.plausibility.places import compute_coverage
-from ...hrsi_engine.surface.dem import surface_heights
+from ...hrsi_engine.surface.dem import cell_size_m, dem_sigma_m, surface_heights
 from .folder_files import BROKEN_IMAGE, FileRole, FolderContent
 from .height_evidence import RayHeights, find_installed_geoid, intersect_tracks, measure_rays, weigh_hypotheses
 from .height_rasters import HeightRaster
@@ -230,6 +230,13 @@ def _choose_steps(made: Understanding, points: PointRoles, dem: HeightRaster | N
         elif content.references:
             why = "GCPs are given" if has_control else "matching with it needs a DEM"
             made.decisions.append(f"{os.path.basename(content.references[0])}: not used, {why}")
+        if dem is not None and not has_control and not triangulate.keys() & {"laser", "surface", "reference"}:
+            middle = images[0].rpc.localize(images[0].centre_px[None], images[0].middle_height_m).ground[0]
+            triangulate["sigma_dem"] = round(dem_sigma_m(cell_size_m(dem.surface, middle)), 1)
+            made.decisions.append(
+                f"{dem.name}: gives the block its heights, as there are no GCPs; standard deviation "
+                f"{triangulate['sigma_dem']:g} m, by the size of its cells"
+            )
     steps, left_out = made.steps, made.left_out
     if has_control or has_ties:
         steps["triangulate"] = triangulate
