@@ -15,10 +15,18 @@ from ..camera.rpc import RPC
 from ..foundation.errors import list_ids
 from ..foundation.large_arrays import finite_rows
 from ..foundation.reasons import Level, Reason
-from ..foundation.thresholds import EQUALITY, GRIDS, GROUND, threshold, thresholds
+from ..foundation.thresholds import EQUALITY, GRIDS, GROUND, SIGNIFICANCE, threshold, thresholds
 from ..ground.geodesy import metres_per_degree, to_ecef
 from ..ground.geoids import height_difference
-from ..surface.dem import RAY_TRACING, HeightSurface, Status, intersect_surface, surface_heights
+from ..surface.dem import (
+    RAY_TRACING,
+    HeightSurface,
+    Status,
+    cell_size_m,
+    dem_sigma_m,
+    intersect_surface,
+    surface_heights,
+)
 from .accuracy import ImageAccuracy
 from .control import CONTROL_FIT, GROUP
 from .mistakes import FEET_M, describe_height_unit, find_undulations
@@ -36,7 +44,6 @@ class PLACEMENT:
         "60 vendor RPCs of 12 sensors: medians up to 0.014 px; in that order 0.05 to 200 px, 2026-11-25",
     )
     covered_share: float = threshold(0.8, "", "share of the images' ground that a DEM covers without a message")
-    dem_difference_m: float = threshold(20.0, "m", "largest median height difference from the DEM without a message")
 
 
 #: Position in the order of RPC00A of each term of RPC00B.
@@ -244,7 +251,7 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
         )
         advice = f"check the height datum of both (`{argument}`)"
         reasons.append(Reason("height-datum", Level.DOUBTFUL, message, advice, (), ids))
-    elif abs(found.median_m) > PLACEMENT.dem_difference_m:
+    elif abs(found.median_m) > GROUND.canopy_m + SIGNIFICANCE.gross * dem_sigma_m(cell_size_m(surface, ground[0])):
         unit = describe_height_unit(ground[:, 2], of_dem)
         code, advice = (
             ("height-unit", unit)

@@ -244,7 +244,12 @@ def test_heights_that_disagree_with_the_dem():
         xy[rows] = image.rpc.project(ground[flat.measurements.point[rows]])
     flat = with_xy(flat, xy)
     assert codes(flat, surface=ConstantHeight(203.0)) == {}
-    assert codes(flat, surface=ConstantHeight(160.0)) == {"height-offset": Level.DOUBTFUL}
+    assert codes(flat, surface=ConstantHeight(150.0)) == {"height-offset": Level.DOUBTFUL}
+    low, side = np.nanmin(ground[:, :2], axis=0) - 0.02, np.nanmax(np.ptp(ground[right.known], axis=0)[:2]) + 0.04
+    for cell, height, told in ((3e-4, 188.0, False), (3e-4, 180.0, True), (5e-5, 188.0, True)):  # of 30 m and 5 m
+        cells = np.full((round(side / cell), round(side / cell)), height)
+        found = codes(flat, surface=GridSurface.from_array(cells, tuple(low), (cell, cell)))
+        assert found == ({"height-offset": Level.DOUBTFUL} if told else {})
     for height in (200.0 / FOOT_M, 2000.0, 20000.0):  # in feet, decimetres and centimetres
         assert codes(flat, surface=ConstantHeight(height)) == {"height-unit": Level.DOUBTFUL}
 
