@@ -218,6 +218,10 @@ def _describe_prediction(report: Mapping[str, Any]) -> str:
     if len(sources) == 1 and (sigma_m := report.get("rpcs_height_sigma_m")):
         unseen_m = format_figure(ROBUST.outlier * sigma_m)
         texts.append(f"heights rest on the {sources[0]} alone: an error of its datum below {unseen_m} m does not show")
+    surface = next(iter(report["surface"]), None)
+    if surface is not None and surface["holds_plan"]:
+        unseen_m = format_figure(ROBUST.outlier * surface["pointing_m"])
+        texts.append(f"the plan rests on the relief alone: a displacement of it below {unseen_m} m does not show")
     return f"{'; '.join(texts)}{of_gcps}"
 
 
