@@ -210,6 +210,29 @@ def _find_rays(made: Understanding, surveyed: np.ndarray, dem: HeightRaster | No
 # ---- steps -----------------------------------------------------------------------------------------------------------
 
 
+def _choose_other_control(made: Understanding, dem: HeightRaster | None, has_control: bool) -> dict[str, Any]:
+    """Return the options for laser points and, without GCPs, for a point cloud, a reference or the heights of a DEM."""
+    content, chosen = made.content, dict[str, Any]()
+    if content.laser:
+        chosen["laser"] = content.laser[0]
+    if content.clouds and not has_control:
+        chosen["surface"] = content.clouds[0]
+    if content.references and dem is not None and not has_control:
+        chosen["reference"] = content.references[0]
+    elif content.references:
+        why = "GCPs are given" if has_control else "matching with it needs a DEM"
+        made.decisions.append(f"{os.path.basename(content.references[0])}: not used, {why}")
+    if dem is not None and not has_control and not chosen:
+        first = content.images[0]
+        middle = first.rpc.localize(first.centre_px[None], first.middle_height_m).ground[0]
+        chosen["sigma_dem"] = round(dem_sigma_m(cell_size_m(dem.surface, middle)), 1)
+        made.decisions.append(
+            f"{dem.name}: gives the block its heights, as there are no GCPs; standard deviation "
+            f"{chosen['sigma_dem']:g} m, by the size of its cells"
+        )
+    return chosen
+
+
 def _choose_steps(made: Understanding, points: PointRoles, dem: HeightRaster | None, has_control: bool) -> None:
     """Set the options of the steps that apply to the images, and the reasons of those that do not."""
     images, content = made.content.images, made.content
@@ -220,23 +243,8 @@ def _choose_steps(made: Understanding, points: PointRoles, dem: HeightRaster | N
     elif len(pixels) < len(images) and len(images) > 1:
         triangulate["tie_points"] = "none"
     has_ties = len(images) > 1 and triangulate.get("tie_points") != "none"
-    if len(images) > 1 and has_ties:
-        if content.laser:
-            triangulate["laser"] = content.laser[0]
-        if content.clouds and not has_control:
-            triangulate["surface"] = content.clouds[0]
-        if content.references and dem is not None and not has_control:
-            triangulate["reference"] = content.references[0]
-        elif content.references:
-            why = "GCPs are given" if has_control else "matching with it needs a DEM"
-            made.decisions.append(f"{os.path.basename(content.references[0])}: not used, {why}")
-        if dem is not None and not has_control and not triangulate.keys() & {"laser", "surface", "reference"}:
-            middle = images[0].rpc.localize(images[0].centre_px[None], images[0].middle_height_m).ground[0]
-            triangulate["sigma_dem"] = round(dem_sigma_m(cell_size_m(dem.surface, middle)), 1)
-            made.decisions.append(
-                f"{dem.name}: gives the block its heights, as there are no GCPs; standard deviation "
-                f"{triangulate['sigma_dem']:g} m, by the size of its cells"
-            )
+    if has_ties:
+        triangulate |= _choose_other_control(made, dem, has_control)
     steps, left_out = made.steps, made.left_out
     if has_control or has_ties:
         steps["triangulate"] = triangulate
