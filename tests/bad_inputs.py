@@ -19,18 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from every_algorithm import (
-    DEM,
-    FOLDER,
-    GRID,
-    IMAGES,
-    POINTS,
-    REFERENCE,
-    RPC_FILE,
-    inputs_of,
-    sound_options,
-    words_of,
-)
+from every_algorithm import DEM, FOLDER, GRID, IMAGES, POINTS, REFERENCE, RPC_FILE, inputs_of, sound_options, words_of
 from gdal_files import spatial_reference
 from osgeo import gdal
 

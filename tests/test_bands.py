@@ -174,10 +174,7 @@ def test_points_on_bands_alone_leave_the_accuracy_of_the_pans():
 def test_shared_images_join_what_names_keep_apart():
     pan, band = exposure(0, VIEWS[0])
     pans, bands = make_images()
-    pans[0], bands[0] = (
-        replace(pan, id="p0", sensor="WorldView-2"),
-        replace(band, id="m0", sensor="WorldView-3"),
-    )
+    pans[0], bands[0] = (replace(pan, id="p0", sensor="WorldView-2"), replace(band, id="m0", sensor="WorldView-3"))
     assert join_exposures([*pans, *bands])[2].tile is None
     options = AdjustOptions(model="affine", shared_images=(("p0", "m0"),))
     result = adjust(assemble([*pans, *bands], [], measure(pans, blocks.ground(100, 1), 3)), options)

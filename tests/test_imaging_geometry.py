@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.block.block import Image
-from hrsi.hrsi_engine.block.imaging_geometry import (
-    PairGeometry,
-    ViewDirection,
-    compute_all_pairs,
-    find_rpc_warnings,
-)
+from hrsi.hrsi_engine.block.imaging_geometry import PairGeometry, ViewDirection, compute_all_pairs, find_rpc_warnings
 from hrsi.hrsi_engine.foundation.errors import SolveError
 from hrsi.hrsi_engine.io.rasters.images import open_image
 from hrsi.hrsi_engine.surface.grid_surface import ConstantHeight

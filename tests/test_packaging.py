@@ -207,10 +207,7 @@ def test_modules_open_with_a_docstring(repository: Path):
 
 @pytest.mark.parametrize(
     ("package", "advice"),
-    [
-        ("shapely", "install python3-shapely where your QGIS comes from"),
-        ("cv2", "pip install opencv-python-headless"),
-    ],
+    [("shapely", "install python3-shapely where your QGIS comes from"), ("cv2", "pip install opencv-python-headless")],
 )
 def test_advice_on_a_missing_package(package: str, advice: str):
     """A wheel of Shapely would bring a second GEOS into QGIS."""

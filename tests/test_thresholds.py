@@ -21,10 +21,7 @@ def test_a_topic_without_meaning_is_a_fault():
         limit: float = threshold(1.0, "", "", "")
 
     topic = list_thresholds.Topic("a", "BARE", BARE)
-    assert list(list_thresholds.find_faults(topic)) == [
-        "a.BARE.limit: say its meaning",
-        "a.BARE.limit: say its origin",
-    ]
+    assert list(list_thresholds.find_faults(topic)) == ["a.BARE.limit: say its meaning", "a.BARE.limit: say its origin"]
 
 
 def test_the_page_shows_name_value_unit_meaning_and_origin():

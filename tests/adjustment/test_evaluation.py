@@ -6,11 +6,7 @@ import numpy as np
 import simulated_blocks as blocks
 from scipy.optimize import least_squares
 
-from hrsi.hrsi_engine.adjustment.evaluation import (
-    find_wrong_tracks,
-    fit_pairs,
-    fit_tracks,
-)
+from hrsi.hrsi_engine.adjustment.evaluation import find_wrong_tracks, fit_pairs, fit_tracks
 from hrsi.hrsi_engine.block.block import Block, Role
 from hrsi.hrsi_engine.ground.geodesy import ground_difference_m, move_ground
 from hrsi.hrsi_engine.results.residuals import compute_given_residuals

@@ -13,13 +13,7 @@ from rpc_samples import sample_rpc, write_image
 
 from hrsi.hrsi_engine import camera
 from hrsi.hrsi_engine.foundation.errors import InputError
-from hrsi.hrsi_engine.io.rasters.images import (
-    GdalRaster,
-    image_id,
-    open_image,
-    open_image_and_source,
-    placement_doubt,
-)
+from hrsi.hrsi_engine.io.rasters.images import GdalRaster, image_id, open_image, open_image_and_source, placement_doubt
 from hrsi.hrsi_engine.io.rpc_files import write_rpc_text
 
 RPC = sample_rpc(1)

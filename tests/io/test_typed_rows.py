@@ -22,12 +22,7 @@ from hrsi.hrsi_engine.io.geopackage.typed_rows import FloatColumn, LayerRows, co
 
 ROOT = Path(__file__).resolve().parents[2]
 CLASSES = declared_classes()
-VALUES = {
-    str: np.array(["a", "b"]),
-    float: np.array([0.5, np.nan]),
-    int: np.array([3, 4]),
-    bool: np.array([1, 0]) > 0,
-}
+VALUES = {str: np.array(["a", "b"]), float: np.array([0.5, np.nan]), int: np.array([3, 4]), bool: np.array([1, 0]) > 0}
 
 
 def columns_of(rows: type[LayerRows]) -> dict[str, np.ndarray]:

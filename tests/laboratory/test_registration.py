@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from hrsi.hrsi_engine.foundation.errors import InputError, SolveError
-from hrsi.hrsi_engine.laboratory.registration import (
-    REGISTRATION_FORMS,
-    apply_matrix,
-    compare_kinds,
-    register_points,
-)
+from hrsi.hrsi_engine.laboratory.registration import REGISTRATION_FORMS, apply_matrix, compare_kinds, register_points
 
 MATRICES = {
     "shift": [[1, 0, 31.5], [0, 1, -12.25], [0, 0, 1]],

@@ -6,11 +6,7 @@ from long_tests import mark_beyond
 from scipy import ndimage, signal
 
 from hrsi.hrsi_engine.laboratory.simulation.landscape import Landscape
-from hrsi.hrsi_engine.laboratory.simulation.texture import (
-    PeriodicField,
-    Texture,
-    sample_periodic,
-)
+from hrsi.hrsi_engine.laboratory.simulation.texture import PeriodicField, Texture, sample_periodic
 
 
 @pytest.mark.parametrize("sigma", mark_beyond(1, "thorough", [0.3, 2.0]))

@@ -8,15 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from long_tests import mark_beyond
-from network_scenes import (
-    FALSE_PX,
-    TEXTURES,
-    across_epipolar,
-    by_trying_everything,
-    point_sets,
-    true_pair,
-    turned,
-)
+from network_scenes import FALSE_PX, TEXTURES, across_epipolar, by_trying_everything, point_sets, true_pair, turned
 
 from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import Cancelled, InputError

@@ -17,10 +17,7 @@ def reader(grey: np.ndarray):
     known = np.pad(np.ones(grey.shape, dtype=bool), SHIFT.probe_px)
 
     def read(x: int, y: int, columns: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
-        place = np.s_[
-            y + SHIFT.probe_px : y + SHIFT.probe_px + rows,
-            x + SHIFT.probe_px : x + SHIFT.probe_px + columns,
-        ]
+        place = np.s_[y + SHIFT.probe_px : y + SHIFT.probe_px + rows, x + SHIFT.probe_px : x + SHIFT.probe_px + columns]
         return padded[place], known[place]
 
     return read

@@ -110,10 +110,7 @@ def test_register_by_rpc(thesis_data: Path, tmp_path: Path):
 
 
 def test_what_is_missing_is_said(picture: Path, tmp_path: Path):
-    for options, reason in (
-        ({"images": [picture]}, "give either `points`"),
-        ({"points": picture}, "need the images"),
-    ):
+    for options, reason in (({"images": [picture]}, "give either `points`"), ({"points": picture}, "need the images")):
         with pytest.raises(InputError, match=reason):
             run("measure-targets", output_dir=tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()

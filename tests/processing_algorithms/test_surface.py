@@ -139,11 +139,7 @@ def test_a_wrong_surface_is_named(folder: Path, tmp_path: Path, wrong: str) -> N
         output_dir=str(tmp_path / "out"), height_datum="ellipsoidal", surface=surface, sigma_surface=0.5,
     )  # fmt: skip
     assert report["verdict"]["level"] != "ok", report["surface"]
-    named = codes(report) & {
-        "dem-unlike-ground",
-        "sources-disagree",
-        "dem-coverage",
-    }
+    named = codes(report) & {"dem-unlike-ground", "sources-disagree", "dem-coverage"}
     if wrong == "other datum":  # 48 m are 3 sigma of heights by these RPCs; the displacement is told with its height
         for one in report["verdict"]["reasons"]:
             up_m = re.search(r"([+-][\d.]+) m up", one["message"])

@@ -105,8 +105,7 @@ def test_image_rows_are_off_while_there_are_ground_rows(block: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "renderer", "names"),
-    [("images", "singleSymbol", 1), ("ground_points", "RuleRenderer", 0)],
+    ("name", "renderer", "names"), [("images", "singleSymbol", 1), ("ground_points", "RuleRenderer", 0)]
 )
 def test_names_are_drawn_once(block: Path, name: str, renderer: str, names: int) -> None:
     """Residuals and points lie on one another in the map: the residuals carry the names."""

@@ -13,13 +13,7 @@ from unittest.mock import MagicMock
 
 import processing
 import pytest
-from qgis.core import (
-    Qgis,
-    QgsApplication,
-    QgsProcessingException,
-    QgsProcessingFeedback,
-    QgsProject,
-)
+from qgis.core import Qgis, QgsApplication, QgsProcessingException, QgsProcessingFeedback, QgsProject
 from qgis.gui import QgsMessageBar
 from qgis.PyQt.QtCore import QTimer
 from qgis.PyQt.QtWidgets import QPushButton
