@@ -48,8 +48,12 @@ ROUNDS = 25
 class SIGMA:
     """Limits for the test of a priori sigmas, for their estimation and its convergence."""
 
-    most_plausible: float = threshold(20.0, "", "estimated over given sigma beyond which image points are wrong")
-    beside_held: float = threshold(2.0, "", "the same without tie points, or with external heights or positions")
+    beside_held: float = threshold(
+        2.0,
+        "",
+        "estimated over given sigma beyond which image points, external heights or positions are wrong: without tie "
+        "points, or with such heights or positions (else `SIGNIFICANCE.extreme`)",
+    )
     hidden_by_drift: int = threshold(25, "GCPs", "number of GCPs up to which drifts of a few images can absorb errors")
 
 
@@ -124,7 +128,7 @@ class SigmaEstimation:
         # them. With hardly any tie points sigma0 is the factor of all.
         redundancy = self.sums[: -components.SURVEYS : 2, 1].sum()
         is_free = not self.problem.position_observations and redundancy >= REDUNDANCY.common
-        largest = SIGMA.most_plausible if is_free else SIGMA.beside_held
+        largest = SIGNIFICANCE.extreme if is_free else SIGMA.beside_held
         least_px = FRAME.gross_px if is_free else 0.0
         # RMS of the stated sigmas of the image points of each group that has any
         of_point, names = self.groups.of_image_point, self.groups.names[: -components.SURVEYS]

@@ -25,7 +25,7 @@ import numpy as np
 from ..block.block import ArrayRaster, Image, read_overview_pixels
 from ..foundation.errors import SolveError
 from ..foundation.pixel_filters import load_opencv
-from ..foundation.thresholds import GROUND, threshold, thresholds
+from ..foundation.thresholds import GRIDS, GROUND, threshold, thresholds
 from ..ortho.grid import GridWindow, MapGrid
 from .disparity import compute_disparities, normalise_contrast
 from .gridding import fuse_heights, grid_heights
@@ -35,7 +35,6 @@ from .gridding import fuse_heights, grid_heights
 class DENSE:
     """Levels and search ranges of dense matching."""
 
-    least_px: int = threshold(100, "px", "shorter side of the coarsest images")
     margin_px: float = threshold(12.0, "px", "disparities searched beyond those of the coarse surface")
 
 
@@ -267,7 +266,7 @@ def match_coarse_surface(block: DenseBlock, known_m: Sequence[float]) -> CoarseS
     known_m : heights that are known, of tie points or a DEM, which limit the search
     """
     shortest = min(min(image.known_size) for image in block.images)
-    factor = next((one for one in REDUCTIONS if shortest >= one * DENSE.least_px), 1)
+    factor = next((one for one in REDUCTIONS if shortest >= one * GRIDS.fine), 1)
     coarse = block.coarsen(factor) if factor > 1 else block
     low, high = float(np.min(known_m)), float(np.max(known_m))
     more = max(GROUND.margin_m, RANGE_SHARE * (high - low))

@@ -7,7 +7,6 @@ from ..foundation.thresholds import threshold, thresholds
 from .tile_matching.options import TileMatchOptions
 
 AUTOMATIC_CELLS = 0
-_YEAR = "simulated year of 40 to 200 images, seeds up to 30; 2026-11-22 (docs/many_dates.md)"
 _KAHRAMANMARAS = "Pléiades, Kahramanmaras, 2026-11-22 (docs/many_dates.md)"
 
 
@@ -17,8 +16,6 @@ class TIE_SEARCH:
 
     full_per_cell: int = threshold(40, "points", "tie points per cell of images matched everywhere, without `per_cell`")
     sampled_per_cell: int = threshold(2, "points", "tie points per cell with one matched window")
-    few_links: int = threshold(3, "links", "links of an image below which it is matched as in small blocks", _YEAR)
-    predicted_pairs: int = threshold(5, "pairs", "pairs of such an image that are matched at predicted positions")
     completed_partners: int = threshold(2, "images", "smallest number of images with a point for a search in others")
     completed_sigma_px: float = threshold(0.12, "px", "largest sigma of such a point", _KAHRAMANMARAS)
 

@@ -23,6 +23,7 @@ import numpy as np
 
 from ..block.block import Image
 from ..block.pointing import SIGMAS_OF_CE90, compute_gsds_m, find_image_sensor
+from ..foundation.pixel_filters import BLUR
 from ..foundation.thresholds import SIGNIFICANCE, threshold, thresholds
 
 #: Source of most thresholds of this room.
@@ -47,11 +48,7 @@ class ACCURACY:
         "published CE90 of Pleiades, 26 sigma of its simulated RPCs (tests/plausibility/test_biased_rpcs.py)",
     )
     impossible_shift_m: float = threshold(500.0, "m", "shift that an RPC of any sensor can have", SIMULATED)
-    misfit_px: float = threshold(
-        15.0, "px", "largest difference between points of one image by measurement errors and drift", SIMULATED
-    )
     usual_drift: float = threshold(3e-4, "px/px", "sigma of the drift of an RPC over its image", SIMULATED)
-    largest_drift: float = threshold(1e-3, "px/px", "largest drift of an RPC over its image", SIMULATED)
 
 
 @dataclass(frozen=True)
@@ -95,8 +92,9 @@ def estimate_accuracies(
         if has_figure:
             large_m, biased_m = ACCURACY.biased_ce90 * ce90_m, ACCURACY.most_biased_ce90 * ce90_m
         far_m = max(ACCURACY.impossible_shift_m, biased_m)
-        drift = max(ACCURACY.largest_drift, SIGNIFICANCE.extreme * sigma_drift)
-        misfit_m = gsd * max(ACCURACY.misfit_px, drift * float(np.hypot(*image.half_size_px)))
+        drift = max(SIGNIFICANCE.sigmas * ACCURACY.usual_drift, SIGNIFICANCE.extreme * sigma_drift)
+        # a point is measured within the blur of its edges
+        misfit_m = gsd * max(SIGNIFICANCE.extreme * BLUR.edge_px, drift * float(np.hypot(*image.half_size_px)))
         usual_drift = max(ACCURACY.usual_drift, sigma_drift)
         accuracies.append(
             ImageAccuracy(

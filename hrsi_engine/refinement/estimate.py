@@ -24,7 +24,7 @@ from ..block.columns import Columns
 from ..foundation.errors import SolveError
 from ..foundation.large_arrays import finite_rows
 from ..foundation.levenberg_marquardt import CONVERGED, Step, descend
-from ..foundation.thresholds import ITERATIONS, REDUNDANCY, threshold, thresholds
+from ..foundation.thresholds import EQUALITY, ITERATIONS, REDUNDANCY, threshold, thresholds
 from .model import LOOSE_ORIENTATION, Linearise, Priors, RefinementModel
 
 #: Data with which the limits of the iterations were determined.
@@ -37,7 +37,6 @@ class ESTIMATION:
 
     large_residual: float = threshold(100.0, "sigma", "RMS residual above which weights are reduced", TUNED_ON)
     gauss_newton_steps: int = threshold(8, "steps", "Gauss-Newton steps before second derivatives are used", TUNED_ON)
-    difference_sigmas: float = threshold(0.1, "sigma", "step of numerical second derivatives, for each parameter")
 
 
 #: Priors for an image with GCPs only: they serve to keep the equations regular, for errors up to 0.1 rad (tens of
@@ -190,7 +189,7 @@ class ObservationEquations:
         p = len(self.sigmas)
         normal = state.matrix.T @ state.matrix + np.eye(p)
         second = np.empty((p, p))
-        for k, reach in enumerate(ESTIMATION.difference_sigmas / np.sqrt(normal.diagonal())):
+        for k, reach in enumerate(EQUALITY.negligible / np.sqrt(normal.diagonal())):
             change = np.zeros(p)
             change[k] = reach * self.sigmas[k]
             ahead, behind = (

@@ -39,13 +39,9 @@ class SURFACE_MATCHING:
     most_points: int = threshold(8000, "points", "largest number of points in the refinement")
     coarse_steps: int = threshold(20, "steps", "steps from the middle to the end of the search, at least 1/4 cell")
     in_cell: float = threshold(1.0, "points", "mean number per cell above which their heights are averaged like cells")
-    lopsided: float = threshold(
-        0.15, "cells", "largest distance of the mean position of these points from the point (else at an edge)"
-    )
     one_sided: float = threshold(2.0, "", "factor of misclosures by objects above a terrain model")
     steepest: float = threshold(1.5, "m/m", "slope above which cells are not used: walls, distorted by interpolation")
     uneven: float = threshold(0.7, "", "curvature of the surface over its slope, from which the weight is zero …")
-    part_cells: float = threshold(12.0, "cells", "smallest side of the parts of the ground with independent errors …")
     noise_alike: float = threshold(0.16, "", "correlation of noise at 1 cell less that at 3", "GLO-30: exp(-d / 300 m)")
 
 
@@ -134,14 +130,13 @@ class SurfaceMatcher:
             sums = [[np.bincount(first, weight * a * b, len(neighbours)) for b in (*A.T, height[second])] for a in A.T]
             N, h = np.moveaxis(np.array(sums)[:, :3], 2, 0), np.array(sums)[:, 3].T
             fit = np.linalg.solve(N + 1e-6 * np.eye(3), h[..., None])[:, 0, 0]
-            lopsided = np.abs(N[:, 0, 1:]).max(axis=1) > SURFACE_MATCHING.lopsided * N[:, 0, 0]
-            self.height = np.where(usable & (count >= SAMPLES.tested) & ~lopsided, fit, np.nan)
+            self.height = np.where(usable & (count >= SAMPLES.tested), fit, np.nan)
         grid_xy, east, north = (surface.grid_coordinates(move_ground(points, step)[:, :2]) for step in _STEP_M)
         self._at, self._per_m = grid_xy, np.stack([east - grid_xy, north - grid_xy], axis=2) / _STEP_M.max()
-        # The part of the ground that contains each point
+        # The part of the ground that contains each point: parts with errors of their own
         offset = np.nan_to_num(self.place_m - np.nanmin(self.place_m, axis=0))
         of_points = float(np.sqrt(SAMPLES.tested * np.prod(offset.max(axis=0)) / len(offset)))
-        side = max(SURFACE_MATCHING.part_cells * self.cell_m, of_points)
+        side = max(SAMPLES.fewest * self.cell_m, of_points)
         self._part = np.unique(np.floor(offset / side).astype(np.int64) @ [1, 1 << 31], return_inverse=True)[1]
 
     def search(self, search_m: float) -> SurfaceMatch | None:

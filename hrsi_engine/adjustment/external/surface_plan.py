@@ -43,10 +43,12 @@ class SURFACE_FIT:
     cells_off: float = threshold(
         0.1, "cells", "standard deviation of a DEM's position in plan, each axis", "GLO-30: CE90 6 m, or 2.8 m of 30 m"
     )
-    noise_share: float = threshold(
-        0.45, "", "noise of neighbouring DEM cells relative to the DEM's standard deviation", "GLO-30: 1 m"
-    )
     flat: float = threshold(0.7, "", "largest scatter of misclosures relative to that of heights; else ground is flat")
+
+
+def estimate_cell_noise_m(sigma_m: float) -> float:
+    """Return the noise of single cells: a DEM's standard deviation without its error common to all cells."""
+    return float(np.sqrt(1.0 - HEIGHTS.dem_whole**2)) * sigma_m
 
 
 @dataclass(eq=False)
@@ -87,7 +89,7 @@ class SurfacePlan:
     ) -> SurfacePlan | None:
         """Return the relief under ``points (k,)`` of ``ground (m, 3)``, after its search; None if there is no match."""
         positions = ground[points]
-        first = match_surface(positions, surface, search_m, kind, SURFACE_FIT.noise_share * sigma_m)
+        first = match_surface(positions, surface, search_m, kind, estimate_cell_noise_m(sigma_m))
         if first is None:
             return None
         relief_m = float(robust_sigma(positions[:, 2] - np.median(positions[:, 2])))
@@ -173,7 +175,7 @@ class SurfacePlan:
         has_moved = self._at is None or np.abs(block_shift).max() > ITERATIONS.coarse * self.cell_m
         if has_moved and self._matches < ITERATIONS.most:
             self._matches += 1
-            noise_m = SURFACE_FIT.noise_share * self.sigma_m
+            noise_m = estimate_cell_noise_m(self.sigma_m)
             matcher = SurfaceMatcher(by_rays[usable], self.surface, self.kind, variance_m2[usable], noise_m)
             new_match = matcher.refine(start, self.search_m)
             if new_match is None:

@@ -36,7 +36,6 @@ from ..weights import cauchy
 class IMAGE_ALIGNMENT:
     """Limits for the approximate alignment of images before tie measurements are tested."""
 
-    apart_px: float = threshold(100.0, "px", "sigma of image points in the first intersection")
     least_height_m: float = threshold(200.0, "m", "smallest a priori sigma of a height in the alignment")
     coarse_share: float = threshold(0.9, "", "share of measurements with residuals below the first scale")
     finer: float = threshold(0.25, "", "scale of the robust weights relative to that before")
@@ -69,7 +68,8 @@ def align_images(
     begin = estimate_start_positions(sample)
     priors, weight = bound_heights(sample, begin), 1.0 / sample.sigma_px**2
     shifts = np.zeros((sample.cameras, 2))
-    weight_of_start = np.full(sample.count, IMAGE_ALIGNMENT.apart_px**-2)
+    # the cameras are first as far apart as their priors say
+    weight_of_start = np.minimum(shift_weight[sample.camera_of_image[sample.image]].min(axis=1), weight)
     ground = equations.intersect(State(shifts, begin), weight_of_start, priors)
     usable = finite_rows(ground)
     ground[~usable] = begin[~usable]

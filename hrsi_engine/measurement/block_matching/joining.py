@@ -48,8 +48,9 @@ class TESTS:
     """Limits for outliers among the matches of a pair or track, and for the sigmas of the others."""
 
     least_camera_px: float = threshold(0.0125, "px", "smallest random error of cameras", _RELIEF)
-    most_camera_px: float = threshold(0.2, "px", "largest random error of cameras (drift is estimated later)")
-    deviation_px: float = threshold(0.25, "px", "largest deviation from the epipolar line without a test")
+    deviation_px: float = threshold(
+        0.25, "px", "largest deviation from the epipolar line without a test, and random error of cameras"
+    )
     contradiction_px: float = threshold(0.375, "px", "largest deviation from the height of the track", _KAHRAMANMARAS)
     imprecise: float = threshold(3.0, "", "largest sigma of a match relative to its pair's median", _CLIFFS)
     island_slope: float = threshold(0.5, "px/px", "largest parallax step relative to the distance")
@@ -181,7 +182,7 @@ def estimate_camera_sigma(matches: BlockMatches, images: Sequence[Image]) -> flo
     if not deviation:
         return TESTS.least_camera_px
     squares, noise_variance = np.concatenate(deviation) ** 2, np.concatenate(variance)
-    low, high = TESTS.least_camera_px, TESTS.most_camera_px
+    low, high = TESTS.least_camera_px, TESTS.deviation_px
     while high - low > 1e-4:
         middle = (low + high) / 2.0
         too_small = float(np.median(squares / (noise_variance + 2.0 * middle**2))) > MEDIAN_CHI_SQUARED

@@ -46,10 +46,9 @@ class CHOICE:
     chance: int = threshold(5, "features", "number that agree by chance; a comparison with no more is not used", _YEAR)
     wanted_angle_deg: float = threshold(5.0, "°", "smallest angle of one of each image's pairs")
     last_tries: int = threshold(
-        3, "pairs", "pairs tried without significant comparisons, and examined if no pair matches"
+        3, "pairs", "pairs tried without significant comparisons, and examined if no pair matches; pairs that may fail"
     )
     rounds: int = threshold(6, "rounds", "largest number of selections after failed pairs")
-    found_worth: float = threshold(1e6, "features", "added to the rating of matched pairs, which remain selected")
 
 
 SEA_LEVEL_TO_EVEREST_M = (-500.0, 9000.0)

@@ -139,9 +139,11 @@ class PairChoice:
         for _ in range(self.trees):
             if not candidates:
                 break
-            worth = np.array([self._rate_pair(pair) + CHOICE.found_worth * (pair in self.found) for pair in candidates])
+            rating = np.array([self._rate_pair(pair) for pair in candidates])
+            found_worth = 1.0 + rating.max()  # matched pairs precede all others, so that they remain selected
             first, second = np.array(candidates).T
-            cost = 2.0 * CHOICE.found_worth - worth  # positive, since a cost of 0 means no edge
+            # positive, since a cost of 0 means no edge
+            cost = 2.0 * found_worth - rating - found_worth * np.array([pair in self.found for pair in candidates])
             graph = coo_matrix((cost, (first, second)), shape=(self.images, self.images))
             forest = minimum_spanning_tree(graph).tocoo()
             selected |= set(zip(forest.row.tolist(), forest.col.tolist(), strict=True))

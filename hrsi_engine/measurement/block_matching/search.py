@@ -17,7 +17,7 @@ from ...surface.dem import HeightSurface
 from ..tie_options import AUTOMATIC_CELLS, TIE_SEARCH, TieOptions
 from ..tile_matching.options import TileMatchOptions
 from . import coarse, joining, overlaps
-from .links import ImageLink, drop_unreliable_links, find_displaced_images, judge_links
+from .links import LINKS, ImageLink, drop_unreliable_links, find_displaced_images, judge_links
 from .overlaps import CHOICE, choose_probes, compute_central_views, compute_convergence_deg, find_likely_overlaps
 from .overview import OverviewFeatures, OverviewJob, choose_overview_step, detect_overview_features
 from .pair_choice import PairChoice, Probe, ProbeJob, probe_pairs
@@ -272,7 +272,7 @@ class TieSearch:
             pair
             for pair in self.pairs
             if (pair.first, pair.second) not in sound
-            and min(link_count[pair.first], link_count[pair.second]) < TIE_SEARCH.few_links
+            and min(link_count[pair.first], link_count[pair.second]) <= LINKS.strong_links
         ]
         return self._match_windows(hard, False, progress)
 
@@ -288,18 +288,19 @@ class TieSearch:
         weak = [
             index
             for index, number in enumerate(self.usable)
-            if link_count[number] < TIE_SEARCH.few_links and number not in self.reasons
+            if link_count[number] <= LINKS.strong_links and number not in self.reasons
         ]
         pairs: dict[tuple[int, int], PairCandidate] = {}
         for index in weak:
             for a, b in self.choice.list_similar_pairs(index):
                 first, second = self.usable[a], self.usable[b]
                 partner = second if a == index else first
-                if link_count[partner] < TIE_SEARCH.few_links or (first, second) in sound:
+                if link_count[partner] <= LINKS.strong_links or (first, second) in sound:
                     continue
                 job = self._make_job(a, b)
                 pairs[a, b] = PairCandidate(job, first, second, cameras.estimate(job, first, second))
-                if sum(index in pair for pair in pairs) == TIE_SEARCH.predicted_pairs or len(pairs) >= self.choice.room:
+                enough = LINKS.strong_links + CHOICE.last_tries  # sufficient though some of them fail
+                if sum(index in pair for pair in pairs) == enough or len(pairs) >= self.choice.room:
                     break
         for pair in pairs:
             self.choice.tell(pair, True)
