@@ -35,7 +35,7 @@ above.
 #: The case or test that fails without a threshold, by its module, topic and field.
 CASES = ROOT / "docs" / "developing/rules.csv"
 #: Largest number of thresholds without an entry there.
-MOST_UNTRIED = 154
+MOST_UNTRIED = 106
 
 
 class Topic(NamedTuple):

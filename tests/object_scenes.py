@@ -172,16 +172,6 @@ def repeatability(
     return min(len(repeated) / max(common, 1), 1.0)
 
 
-def found_again(
-    simulated: lab.BlockSimulation, points: np.ndarray, others: np.ndarray, view: int = 0, tolerance_px: float = 1.5
-) -> float:
-    """Return the share of points of a view that are among the points of the other, where both see the ground."""
-    first, second = (rendered(simulated, VIEWS[k]) for k in (view, 1 - view))
-    there = carried(simulated, points, first, second)
-    again, _ = pairs(there, others, tolerance_px)
-    return len(again) / max(int(np.isfinite(there[:, 0]).sum()), 1)
-
-
 def rms(errors: np.ndarray) -> float:
     """Return the root mean square of a coordinate."""
     return float(np.sqrt(np.mean(errors**2)))

@@ -4,8 +4,13 @@ import signal
 import subprocess
 import sys
 import time
+from threading import Event
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
+
+from hrsi.hrsi_engine.foundation import interruption
 
 PROGRAM = """
 import hashlib, sys, time
@@ -43,3 +48,13 @@ def test_a_signal_ends_what_is_under_way(work: str, said: str) -> None:
     assert out.strip() == said
     assert ("terminated; no half-written file is left" in errors) == (work == "in C")
     assert (program.returncode == 143) == (work == "in C")  # elsewhere the exception comes out of this program
+
+
+@pytest.mark.parametrize(("later_s", "ends"), [(0.5, False), (10.0, True)])
+def test_a_signal_that_comes_twice_is_one_and_a_repeated_one_ends_the_program(later_s, ends, monkeypatch) -> None:
+    """A terminal and the parent process both send it; at once, the second would cut the cleaning off."""
+    state = SimpleNamespace(arrived=Event(), number=signal.SIGINT, raised_at=time.monotonic() - later_s)
+    monkeypatch.setattr(interruption, "_State", state)
+    monkeypatch.setattr(interruption, "_quit", ending := Mock())
+    interruption._raise(signal.SIGINT, None)
+    assert ending.called is ends

@@ -267,3 +267,10 @@ def test_what_explains_it_as_well_is_named_and_nothing_is_left_out(spread: float
     assert [finding.left_out for finding in findings] == [False]
     assert all(name in findings[0].message for name in ("G5", "G6"))
     assert all(name not in findings[0].message for name in ("G0", "G1", "G2", "G3", "G4"))
+
+
+def test_correct_tie_points_stay_however_strictly_they_are_tested():
+    """1800 tests at 3 sigma would reject some; all of them together have one error probability."""
+    block, _, _ = blocks.block(gcps=4, checks=0, ties=300, seed=5)
+    result = adjust(block, AdjustOptions(test_sigmas=False, model="affine", reject_sigma=3.0))
+    assert (result.decision == Decision.KEPT).all()

@@ -112,3 +112,13 @@ def test_the_displaced_triplet_comes_back(real_data, tmp_path):
             error = judge.find_offset(result.ground[result.block.points.role == Role.TIE])
             assert np.hypot(*error[:2]) < min(plan_m, result.parts[0].ce90_m)
             assert abs(error[2]) < min(height_m, result.parts[0].le90_m)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_trees_on_a_terrain_model_lift_no_points(seed):
+    terrain, dtm = make_terrain(40.0, seed)
+    rng, points = np.random.default_rng(seed), place_points(terrain, seed)
+    trees_m = np.where(rng.random(len(points)) < 0.35, rng.uniform(2.0, 8.0, len(points)), 0.0)
+    points[:, 2] += trees_m + rng.normal(0.0, 1.0, len(points))
+    found = match_surface(points, dtm, 100.0, "dtm")
+    assert found is not None and abs(found.displacement_m[2]) < 0.5

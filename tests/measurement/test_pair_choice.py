@@ -4,9 +4,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+import simulated_blocks as blocks
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from hrsi.hrsi_engine.block.sliding_footprints import GroundRange
 from hrsi.hrsi_engine.measurement.block_matching.coarse import COARSE
 from hrsi.hrsi_engine.measurement.block_matching.joining import BlockMatches
 from hrsi.hrsi_engine.measurement.block_matching.links import (
@@ -19,7 +21,8 @@ from hrsi.hrsi_engine.measurement.block_matching.links import (
     judge_links,
 )
 from hrsi.hrsi_engine.measurement.block_matching.overlaps import CHOICE, Overlap, choose_probes
-from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice, Probe
+from hrsi.hrsi_engine.measurement.block_matching.pair_choice import PairChoice, Probe, ProbeJob, probe_pairs
+from hrsi.hrsi_engine.measurement.tile_matching.epipolar import transfer
 
 ALL_CELLS = (511, 511)
 
@@ -220,3 +223,16 @@ def test_displaced_rpcs_are_named_and_not_their_partners():
         find_displaced_images({pair: 60.0 + offset for pair, offset in offsets.items() if not set(pair) & set(wrong)})
         == {}
     )
+
+
+@pytest.mark.parametrize("beside_px", [0.3, 38.0])
+def test_features_agree_where_they_lie_at_one_offset(beside_px: float):
+    """Equal descriptors at every place of the band, as of fields and roofs, are no agreement."""
+    first, second = blocks.images(2)
+    rng, heights = np.random.default_rng(4), GroundRange(190.0, 210.0)
+    xy, beside = rng.uniform(300.0, 700.0, (300, 2)), rng.uniform(-beside_px, beside_px, (300, 2))
+    descriptors = rng.random((300, 128), dtype=np.float32) ** 4
+    features = tuple({"xy": one, "descriptors": descriptors} for one in (
+        xy, transfer(first.rpc, second.rpc, xy, np.full(300, 200.0)) + beside))  # fmt: skip
+    agreeing = probe_pairs(ProbeJob(first, (second,), (1, 1), (heights,), 40.0, features))["agreeing"][0]
+    assert agreeing > 250 if beside_px < 1.0 else agreeing < 60

@@ -8,7 +8,7 @@ import rendered_blocks as scenes
 import simulated_blocks as blocks
 from long_tests import mark_beyond
 
-from hrsi.hrsi_engine.block.block import ArrayRaster
+from hrsi.hrsi_engine.block.block import ArrayRaster, Image
 from hrsi.hrsi_engine.foundation.errors import InputError
 from hrsi.hrsi_engine.foundation.workers.scheduling import open_scheduler
 from hrsi.hrsi_engine.measurement.block_matching.joining import (
@@ -17,6 +17,8 @@ from hrsi.hrsi_engine.measurement.block_matching.joining import (
     drop_outliers,
     select_tracks_by_cell,
 )
+from hrsi.hrsi_engine.measurement.block_matching.search import count_points_per_cell
+from hrsi.hrsi_engine.measurement.block_matching.star import plan_cells
 from hrsi.hrsi_engine.measurement.tie_options import TieOptions
 from hrsi.hrsi_engine.measurement.tie_points import find_tie_points
 from hrsi.hrsi_engine.measurement.tile_matching.epipolar import (
@@ -241,6 +243,29 @@ def test_land_beyond_water_stays_and_repeated_patterns_beyond_a_gap_go():
         kept = np.isin(np.arange(many), drop_outliers(matches, images).track)
         assert kept[~far].all()
         assert (kept[far] == stays).all()
+
+
+@pytest.mark.parametrize(("camera_px", "stays"), [(0.2, True), (3.0, False)])
+def test_small_errors_of_cameras_cost_no_match(camera_px, stays):
+    """Cameras err by some tenths of a pixel along their track, far more than precise matches; not by pixels."""
+    first, second = (one.rpc for one in blocks.images(2))
+    rng, many = np.random.default_rng(2), 400
+    xy, height = rng.uniform(1000.0, 2000.0, (many, 2)), np.full(many, 200.0)
+    second_xy, number = transfer(first, second, xy, height), np.zeros(many, np.int64)
+    angle, wrong = rng.uniform(0.0, 2.0 * np.pi, many), np.arange(many) < 40
+    second_xy += wrong[:, None] * camera_px * np.column_stack([np.cos(angle), np.sin(angle)])
+    matches = BlockMatches(np.arange(many), number, number + 1, xy, second_xy, np.full(many, 0.01),
+                           np.ones(many), np.full(many, "automatic"), height)  # fmt: skip
+    kept = np.isin(np.arange(many), drop_outliers(matches, blocks.images(2), islands=True).track)
+    assert kept[~wrong].all() and (kept[wrong].all() if stays else kept[wrong].mean() < 0.2)
+
+
+def test_a_large_image_gets_enough_points_at_a_bounded_cost():
+    image = Image("large", blocks.oblique_rpc(0.0, 0.0), (30_000, 30_000))
+    rows = plan_cells(image, 10, count_points_per_cell(TieOptions(), image))
+    wanted, measured = (sum(getattr(cell, name) for row in rows for cell in row) for name in ("enough", "most"))
+    assert 100 <= wanted <= 500  # six parameters of a camera to 0.1 sigma
+    assert 2 * wanted <= measured <= 1500  # some fail, and tracks are chosen from the rest
 
 
 def test_contradictory_tracks_are_dropped():

@@ -6,8 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from long_tests import mark_beyond
+from scipy.ndimage import affine_transform, gaussian_filter
 
+from hrsi.hrsi_engine.block.block import ArrayRaster
 from hrsi.hrsi_engine.foundation.errors import InputError
+from hrsi.hrsi_engine.measurement.point_transfer import transfer_point
 from hrsi.processing_algorithms import run
 from hrsi.processing_algorithms.point_session import PointSession, files, find_transfers, new_tie, place_tie
 from hrsi.processing_algorithms.point_session.adjusting import adjust_block, block_of
@@ -108,3 +111,21 @@ def test_what_cannot_be_transferred_is_told(session: PointSession, folder: Path)
         session.set_role("sky", "gcp")
     with pytest.raises(InputError, match="has a survey"):
         session.set_role(name, TIE)
+
+
+@pytest.mark.parametrize(("change", "refusal"), [
+    (None, ""), ("around", "what lies around it differs"), ("sheared", "objects of several heights lie"),
+])  # fmt: skip
+def test_a_chip_is_found_where_its_surroundings_and_its_height_are_the_same(change, refusal):
+    """A roof or a crossing looks like another one; old chips show the ground around it, too."""
+    rng = np.random.default_rng(7)
+    grey, other = (gaussian_filter(rng.normal(size=(301, 301)), 1.5) * 300.0 + 500.0 for _ in range(2))
+    second = grey.copy()
+    if change == "around":
+        second[:] = other
+        second[125:176, 125:176] = grey[125:176, 125:176]
+    elif change == "sheared":
+        second = affine_transform(grey, [[1.0, 0.0], [-0.15, 1.0]], [0.0, 0.15 * 150.0], mode="nearest")
+    middle, line = np.array([150.0, 150.0]), np.full((2, 2), 150.0)
+    found = transfer_point(ArrayRaster(grey), middle, ArrayRaster(second), line, np.eye(2), 3.0, 60)
+    assert found.refusal.startswith(refusal) and bool(found.refusal) == bool(refusal)
