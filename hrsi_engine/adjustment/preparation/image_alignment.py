@@ -68,7 +68,7 @@ def align_images(
     begin = estimate_start_positions(sample)
     priors, weight = bound_heights(sample, begin), 1.0 / sample.sigma_px**2
     shifts = np.zeros((sample.cameras, 2))
-    # the cameras are first as far apart as their priors say
+    # the cameras are first as far apart as their priors state
     weight_of_start = np.minimum(shift_weight[sample.camera_of_image[sample.image]].min(axis=1), weight)
     ground = equations.intersect(State(shifts, begin), weight_of_start, priors)
     usable = finite_rows(ground)
