@@ -190,6 +190,21 @@ def test_a_step_that_fails_is_a_failure_and_hides_no_other(single: Path, tmp_pat
     assert (folder / "result" / "report.html").exists()
 
 
+def test_own_orthoimages_are_no_control_and_ids_are_unique(
+    survey: Path, single: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    folder = tmp_path / "block"
+    folder.mkdir()
+    for path in [*survey.glob("images/*"), survey / "dem.tif", single / "result/orthoimages/image_1_ortho.tif"]:
+        shutil.copy(path, folder)
+    assert main(["init", str(folder), "--height-datum", "ellipsoidal"]) == 0
+    assert "image_1_ortho.tif  orthoimage of HRSI: not used" in capsys.readouterr().err
+    (folder / "again").mkdir()
+    shutil.copy(folder / "image_1.tif", folder / "again" / "image_1.tif")
+    assert main(["init", str(folder), "--overwrite"]) == 2
+    assert "have the same id 'image_1': rename one" in capsys.readouterr().err
+
+
 def test_a_run_that_is_stopped_in_its_first_step_continues(
     single: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
