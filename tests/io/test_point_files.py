@@ -74,6 +74,12 @@ def test_layers_in_any_crs_give_the_same_points(tmp_path: Path, extension: str, 
     assert tables.warnings == ()
 
 
+def test_a_geojson_in_metres_has_no_crs(tmp_path: Path) -> None:
+    fields = {"id": IDS, "height": GROUND[:, 2].tolist()}
+    path = write_layer(tmp_path / "p.geojson", "GeoJSON", "EPSG:4326", in_crs("EPSG:32755"), fields)
+    assert_ground(read_points(str(path), ground_crs="EPSG:32755", height_datum="ellipsoidal").ground.ground)
+
+
 def test_flags_of_check_points_and_of_points_in_use(tmp_path: Path) -> None:
     rows = ["A,1,yes", "B,0,yes", "C,1,no", "D,0,Yes"]
     path = tmp_path / "p.csv"

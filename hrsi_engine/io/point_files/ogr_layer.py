@@ -17,6 +17,7 @@ from ...foundation.errors import InputError
 from ..opening.budgets import FILE_BUDGETS, require_small_archive, require_texts
 from ..opening.databases import is_database, require_sound, widths
 from ..opening.datasets import gdal_messages, quiet
+from .positions import MOST_LON_DEG
 from .table import (
     MAY_BE_INFINITE,
     NUMBER_FIELDS,
@@ -96,7 +97,8 @@ def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str, fields_gi
     if quick := _read_columns(layer, ogr_names, has_geometry) if by_columns else None:
         fields, ids, geometry = quick
         columns = {f: _read_column(source, f, names[result[f]], fields[f], ids) for f in result}
-        return PointTable(source, columns, tuple(names), lambda row: f"feature {ids[row]}", geometry, _crs(layer))
+        crs = _crs(layer, driver, geometry)
+        return PointTable(source, columns, tuple(names), lambda row: f"feature {ids[row]}", geometry, crs)
     values: dict[str, list] = {field: [] for field in result}
     positions: list[tuple[float, float, float]] = []
     feature_ids: list[int] = []
@@ -119,7 +121,8 @@ def _read_layer(path: str, source: str, layer: ogr.Layer, driver: str, fields_gi
             positions.append(_read_position(source, feature))
     columns = {f: _read_column(source, f, names[result[f]], values[f], feature_ids) for f in result}
     geometry = np.array(positions, dtype=np.float64).reshape(-1, 3) if has_geometry else None
-    return PointTable(source, columns, tuple(names), lambda row: f"feature {feature_ids[row]}", geometry, _crs(layer))
+    crs = _crs(layer, driver, geometry)
+    return PointTable(source, columns, tuple(names), lambda row: f"feature {feature_ids[row]}", geometry, crs)
 
 
 def _is_narrow(path: str, source: str, layer: ogr.Layer, ogr_names: Mapping[str, str]) -> bool:
@@ -167,9 +170,15 @@ def _read_position(source: str, feature: ogr.Feature) -> tuple[float, float, flo
     return geometry.GetX(), geometry.GetY(), geometry.GetZ() if geometry.Is3D() else np.nan
 
 
-def _crs(layer: ogr.Layer) -> str:
-    """Return the layer's CRS as WKT 2, which includes a vertical part; empty if it has none."""
+def _crs(layer: ogr.Layer, driver: str, geometry: np.ndarray | None) -> str:
+    """Return the layer's CRS as WKT 2, which includes a vertical part; empty if it has none, or a GeoJSON in metres.
+
+    GDAL reads a GeoJSON without CRS as WGS 84, as the format is defined.
+    """
     reference = layer.GetSpatialRef()
+    is_assumed = driver == "GeoJSON" and reference is not None and reference.IsGeographic()
+    if is_assumed and geometry is not None and np.nanmax(np.abs(geometry[:, :2]), initial=0.0) > MOST_LON_DEG:
+        return ""
     wkt = reference.ExportToWkt(["FORMAT=WKT2_2019"]) if reference is not None else ""
     return "" if "Undefined" in wkt[:40] else wkt
 
