@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...hrsi_engine.block.assembly import find_similar_ids
 from ...hrsi_engine.foundation.errors import InputError
 from ...hrsi_engine.foundation.thresholds import EQUALITY
 from ...hrsi_engine.io.rasters.dems import fill_gaps, open_geoid, read_geoid_heights
@@ -72,9 +73,15 @@ def understand(content: FolderContent, height_datum: str | None = None) -> Under
     has_control = bool(surveyed & measured)
     has_faults = any(one.fault for one in content.sources)  # which a run reports, as it does other ids
     if surveyed and not has_control and not has_faults:
+        alike = find_similar_ids(sorted(surveyed), sorted(measured))
+        similar = [f"{name!r} is {names[0]!r}" for name, names in alike.items()]
         made.decisions.append(
-            f"{_names(points.control)}: not measured in an image: measure them in the panel HRSI Points, and name "
-            "image_points"
+            f"{_names(points.control)}: not measured in an image: "
+            + (
+                f"the ids have another spelling there ({', '.join(similar[:3])}): use the same ids in both files"
+                if similar
+                else "measure them in the panel HRSI Points, and name image_points"
+            )
         )
     if has_control or has_faults or (points.ties and all(one.has_heights for one in points.control)):
         made.shared |= {key: value for key, value in points.options.items() if key != "tie_points"}
