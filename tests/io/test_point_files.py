@@ -75,8 +75,7 @@ def test_layers_in_any_crs_give_the_same_points(tmp_path: Path, extension: str, 
 
 
 def test_a_geojson_in_metres_has_no_crs(tmp_path: Path) -> None:
-    fields = {"id": IDS, "height": GROUND[:, 2].tolist()}
-    path = write_layer(tmp_path / "p.geojson", "GeoJSON", "EPSG:4326", in_crs("EPSG:32755"), fields)
+    path = write_layer(tmp_path / "p.geojson", "GeoJSON", "EPSG:4326", in_crs("EPSG:32755"), {"id": IDS})
     assert_ground(read_points(str(path), ground_crs="EPSG:32755", height_datum="ellipsoidal").ground.ground)
 
 
@@ -92,12 +91,8 @@ def test_flags_of_check_points_and_of_points_in_use(tmp_path: Path) -> None:
 
 
 def test_height_field_of_a_2d_layer(tmp_path: Path) -> None:
-    fields = {
-        "id": IDS,
-        "HEIGHT": GROUND[:, 2].tolist(),
-        "role": ["gcp", "Check", None, "tie"],
-        "sigma_xy": [0.1, None, 2, 3],
-    }
+    fields = {"id": IDS, "HEIGHT": GROUND[:, 2].tolist()}
+    fields |= {"role": ["gcp", "Check", None, "tie"], "sigma_xy": [0.1, None, 2, 3]}
     path = write_layer(tmp_path / "p.gpkg", "GPKG", "EPSG:32755", in_crs("EPSG:32755"), fields, with_z=False)
     ground = read_points(f"{path}|layername=points", height_datum="ellipsoidal").ground
     assert_ground(ground.ground)

@@ -190,9 +190,7 @@ def test_a_step_that_fails_is_a_failure_and_hides_no_other(single: Path, tmp_pat
     assert (folder / "result" / "report.html").exists()
 
 
-def test_own_orthoimages_are_no_control_and_ids_are_unique(
-    survey: Path, single: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_own_orthoimages_are_no_control_and_ids_are_unique(survey: Path, single: Path, tmp_path: Path, capsys):
     folder = tmp_path / "block"
     folder.mkdir()
     for path in [*survey.glob("images/*"), survey / "dem.tif", single / "result/orthoimages/image_1_ortho.tif"]:
@@ -205,9 +203,7 @@ def test_own_orthoimages_are_no_control_and_ids_are_unique(
     assert "have the same id 'image_1': rename one" in capsys.readouterr().err
 
 
-def test_a_run_that_is_stopped_in_its_first_step_continues(
-    single: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_run_that_is_stopped_in_its_first_step_continues(single: Path, tmp_path: Path, monkeypatch, capsys):
     folder = shutil.copytree(single, tmp_path / "block", ignore=shutil.ignore_patterns("result"))
 
     def stop(*_args: object, **_named: object) -> None:
