@@ -24,8 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..foundation.thresholds import GRIDS, threshold, thresholds
-from ..ground.ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M
-from ..ground.geodesy import east_north_up, from_ecef, to_ecef
+from ..ground.geodesy import east_north_up, from_ecef, intersect_height, to_ecef
 from .rpc import RPC
 
 SPEED_OF_LIGHT = 299_792_458.0
@@ -33,11 +32,10 @@ SPEED_OF_LIGHT = 299_792_458.0
 
 @thresholds
 class LINESCAN:
-    """Atmospheric refraction, intersection of rays with a height, and grid for the fit of an RPC."""
+    """Atmospheric refraction."""
 
     refractivity: float = threshold(2.77e-4, "", "refractivity of air at sea level", "standard atmosphere, 0.6 um")
     scale_height_m: float = threshold(8000.0, "m", "scale height of the air's density", "standard atmosphere")
-    rounds: int = threshold(4, "iterations", "iterations of the intersection of a ray with a height")
 
 
 class SampledCamera:
@@ -95,19 +93,13 @@ class LinescanCamera(SampledCamera):
         if self.through_air:
             ray -= velocity / SPEED_OF_LIGHT
             ray /= np.linalg.norm(ray, axis=1)[:, None]
-        axes = np.array([SEMI_MAJOR_M, SEMI_MAJOR_M, SEMI_MINOR_M]) + height_m
-        x, u = start / axes, ray / axes
-        a, b, c = (u * u).sum(axis=1), (x * u).sum(axis=1), (x * x).sum(axis=1) - 1.0
-        along = (-b - np.sqrt(b * b - a * c)) / a  # NaN for a ray that misses the Earth
-        for _ in range(LINESCAN.rounds):
-            ground = from_ecef(start + along[:, None] * ray)
+        ground = intersect_height(start, ray, height_m)
+        if self.through_air:
             up = east_north_up(ground[:, 0], ground[:, 1])[:, 2]
             cosine = -(ray * up).sum(axis=1)
-            along += (ground[:, 2] - height_m) / cosine
-        if self.through_air:
             horizontal = ray + cosine[:, None] * up  # of length sin(z), away from the nadir
             air = LINESCAN.refractivity * LINESCAN.scale_height_m * np.exp(-height_m / LINESCAN.scale_height_m)
-            ground = from_ecef(start + along[:, None] * ray - (air / cosine**3)[:, None] * horizontal)
+            ground = from_ecef(to_ecef(ground) - (air / cosine**3)[:, None] * horizontal)
         ground[:, 2] = height_m
         return ground
 

@@ -119,6 +119,31 @@ def east_north_up(lon_deg: np.ndarray, lat_deg: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.array(ellipsoid.axes(lon_deg, lat_deg)), -1, 0)
 
 
+def intersect_height(
+    origin: np.ndarray, direction: np.ndarray, height_m: np.ndarray | float, outward: bool = False
+) -> np.ndarray:
+    """Return lon, lat, height ``(n, 3)`` where geocentric rays reach ellipsoidal heights; NaN where they miss.
+
+    Starts on the ellipsoid with axes enlarged by the height (sub-metre off) and ends by two Newton steps along the
+    ray: the first leaves micrometres, the second less than rounding.
+
+    origin, direction : (n, 3) m and unit vectors; height_m : (n,), or one for all
+    outward : True for the far of the two intersections: a ray from the ground up to a satellite
+    """
+    axes = np.array([ellipsoid.SEMI_MAJOR_M, ellipsoid.SEMI_MAJOR_M, ellipsoid.SEMI_MINOR_M]) + np.reshape(
+        height_m, (-1, 1)
+    )
+    p, d = origin / axes, direction / axes
+    a, b, c = (d * d).sum(1), (p * d).sum(1), (p * p).sum(1) - 1.0
+    with np.errstate(invalid="ignore"):
+        distance = (-b + (1.0 if outward else -1.0) * np.sqrt(b * b - a * c)) / a
+    for _ in range(2):
+        ground = from_ecef(origin + distance[:, None] * direction)
+        up = east_north_up(ground[:, 0], ground[:, 1])[:, 2]
+        distance = distance + (height_m - ground[:, 2]) / (direction * up).sum(1)
+    return from_ecef(origin + distance[:, None] * direction)
+
+
 @dataclass(frozen=True)
 class LocalFrame:
     """Topocentric frame: east, north and up in metres from an origin.

@@ -20,9 +20,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from ...ground.ellipsoid import SEMI_MAJOR_M, SEMI_MINOR_M, curvature_radii
-from ...ground.geodesy import LocalFrame, from_ecef, to_ecef
+from ...ground.ellipsoid import curvature_radii
+from ...ground.geodesy import LocalFrame, intersect_height, to_ecef
 from .sensors import OrientationError, Sensor
 from .world import constant, constants
 
@@ -150,9 +151,9 @@ class PushbroomCamera:
         step = np.asarray(line, dtype=np.float64) - self.middle[1]
         position, forward, right, down = self._nominal(step)
         share = step / self.drift_lines
-        position = position + self.error.position(share) @ _compute_axes(self.frame)
+        position = position + self.error.position(share) @ self.frame.axes
         axes = np.stack([forward, right, down], axis=2)
-        return position, axes @ make_rotation_matrices(self.error.attitude(share, step))
+        return position, axes @ Rotation.from_euler("XYZ", self.error.attitude(share, step)).as_matrix()
 
     def _nominal(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return position and axes forward, right and down ``(n, 3)`` without errors, ``step`` lines off the middle."""
@@ -297,7 +298,7 @@ def aim_camera(
         The camera.
     """
     frame = LocalFrame(*(float(value) for value in target))
-    east, north, up = _compute_axes(frame)
+    east, north, up = frame.axes
     centre = to_ecef(np.asarray(target, dtype=np.float64).reshape(1, 3))[0]
     position = _compute_position(sensor, frame, along_deg, across_deg, heading_deg)
     zenith = position / np.linalg.norm(position)
@@ -340,9 +341,9 @@ def _compute_position(
     right = np.array([np.cos(heading), -np.sin(heading), 0.0])
     for _ in range(30):
         upward = np.array([0.0, 0.0, 1.0]) - tangents[0] * forward - tangents[1] * right
-        direction = _normalise(upward @ _compute_axes(frame))
+        direction = _normalise(upward @ frame.axes)
         position = intersect_height(target, direction[None], np.array([sensor.altitude_m]), outward=True)
-        current = _compute_look_tangents(position, target, forward @ _compute_axes(frame))
+        current = _compute_look_tangents(position, target, forward @ frame.axes)
         tangents = tangents + (target_tangents - current)
     return to_ecef(position)[0]
 
@@ -353,7 +354,7 @@ def _compute_look_tangents(position: np.ndarray, target: np.ndarray, heading: np
     The flight's direction at the ground, carried up there: azimuths of two places differ, and near a pole by anything.
     """
     look = target[0] - to_ecef(position)[0]
-    up = _compute_axes(LocalFrame(*position[0]))[2]
+    up = LocalFrame(*position[0]).axes[2]
     forward = _normalise(_compute_across(heading, up))
     return np.array([look @ forward, look @ np.cross(forward, up)]) / -(look @ up)
 
@@ -363,55 +364,5 @@ def _compute_across(vector: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return np.asarray(vector - (vector @ normal) * normal)
 
 
-def intersect_height(
-    origin: np.ndarray, direction: np.ndarray, height_m: np.ndarray, outward: bool = False
-) -> np.ndarray:
-    """Return lon, lat, height ``(n, 3)`` where rays in ECEF reach ellipsoidal heights; NaN where they miss.
-
-    Starts on the ellipsoid with axes enlarged by the height (sub-metre off) and ends by two Newton steps along the
-    ray: the first leaves micrometres, the second less than rounding. ``outward`` takes the far of the two
-    intersections: a ray from the ground up to a satellite.
-    """
-    axes = np.column_stack([SEMI_MAJOR_M + height_m, SEMI_MAJOR_M + height_m, SEMI_MINOR_M + height_m])
-    p, d = origin / axes, direction / axes
-    a, b, c = (d * d).sum(1), (p * d).sum(1), (p * p).sum(1) - 1.0
-    with np.errstate(invalid="ignore"):
-        root = np.sqrt(b * b - a * c)
-    distance = (-b + root) / a if outward else (-b - root) / a
-    for _ in range(2):
-        ground = from_ecef(origin + distance[:, None] * direction)
-        lon, lat = np.radians(ground[:, 0]), np.radians(ground[:, 1])
-        normals = np.column_stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-        slope = (direction * normals).sum(1)
-        distance = distance + (height_m - ground[:, 2]) / slope
-    return from_ecef(origin + distance[:, None] * direction)
-
-
-def make_rotation_matrices(angles_rad: np.ndarray) -> np.ndarray:
-    """Return ``Rx(roll) Ry(pitch) Rz(yaw)``, ``(n, 3, 3)``, of ``(n, 3)`` angles."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(angles_rad).T, np.cos(angles_rad).T
-    return np.stack(
-        [
-            np.stack([cp * cy, -cp * sy, sp], axis=1),
-            np.stack([cr * sy + sr * sp * cy, cr * cy - sr * sp * sy, -sr * cp], axis=1),
-            np.stack([sr * sy - cr * sp * cy, sr * cy + cr * sp * sy, cr * cp], axis=1),
-        ],
-        axis=1,
-    )
-
-
 def _normalise(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def _compute_axes(frame: LocalFrame) -> np.ndarray:
-    """Return east, north and up of a place as rows, in ECEF."""
-    lon, lat = np.radians(frame.lon_deg), np.radians(frame.lat_deg)
-    sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)
-    return np.array(
-        [
-            [-sin_lon, cos_lon, 0.0],
-            [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
-            [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
-        ]
-    )
