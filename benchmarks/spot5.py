@@ -26,13 +26,12 @@ from pathlib import Path
 import numpy as np
 import pyproj
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from hrsi.benchmarks.pages import DATA
 from hrsi.hrsi_engine.block.block import Image
 from hrsi.hrsi_engine.ground.ellipsoid import SEMI_MAJOR_M
 from hrsi.hrsi_engine.laboratory.simulation import SENSORS, OrientationError, PushbroomCamera, aim_camera, fit_camera
-from hrsi.hrsi_engine.laboratory.simulation.pushbroom import GRAVITATION
+from hrsi.hrsi_engine.laboratory.simulation.pushbroom import GRAVITATION, make_rotation_matrices
 from hrsi.hrsi_engine.refinement.estimate import Control
 
 SIZE = (24_000, 24_000)
@@ -117,7 +116,7 @@ class Spot5:
         where, axes = camera.exterior(np.array([camera.middle[1]]))
         shift = np.full(3, position)
         orbital, moved = (_orbital_axes(camera, at) for at in (where[0], where[0] + shift))
-        roll, pitch, yaw = (Rotation.from_euler("XYZ", row).as_matrix() for row in -angle * np.eye(3))
+        roll, pitch, yaw = (make_rotation_matrices(row[None])[0] for row in -angle * np.eye(3))
         turned = (axes[0].T @ moved) @ (pitch @ roll @ yaw) @ (orbital.T @ axes[0])
         attitude = (  # of turned = Rx(roll) Ry(pitch) Rz(yaw)
             float(np.arctan2(-turned[1, 2], turned[2, 2])),

@@ -252,13 +252,11 @@ def find_dem_reasons(block: Block, surface: HeightSurface) -> list[Reason]:
         advice = f"check the height datum of both (`{argument}`)"
         reasons.append(Reason("height-datum", Level.DOUBTFUL, message, advice, (), ids))
     elif abs(found.median_m) > GROUND.canopy_m + SIGNIFICANCE.gross * dem_sigma_m(cell_size_m(surface, ground[0])):
-        unit = describe_height_unit(ground[:, 2], of_dem)
-        code, advice = (
-            ("height-unit", unit)
-            if unit
-            else ("height-offset", "check height datum (`height_datum`, `dem_datum`) and unit of both")
-        )
-        reasons.append(Reason(code, Level.DOUBTFUL, text, advice, (), ids))
+        if unit := describe_height_unit(ground[:, 2], of_dem):
+            reasons.append(Reason("height-unit", Level.DOUBTFUL, text, unit, (), ids))
+        else:
+            advice = "check height datum (`height_datum`, `dem_datum`) and unit of both"
+            reasons.append(Reason("height-offset", Level.DOUBTFUL, text, advice, (), ids))
     return reasons
 
 

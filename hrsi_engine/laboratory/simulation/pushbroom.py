@@ -20,7 +20,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...ground.ellipsoid import curvature_radii
 from ...ground.geodesy import LocalFrame, intersect_height, to_ecef
@@ -153,7 +152,7 @@ class PushbroomCamera:
         share = step / self.drift_lines
         position = position + self.error.position(share) @ self.frame.axes
         axes = np.stack([forward, right, down], axis=2)
-        return position, axes @ Rotation.from_euler("XYZ", self.error.attitude(share, step)).as_matrix()
+        return position, axes @ make_rotation_matrices(self.error.attitude(share, step))
 
     def _nominal(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return position and axes forward, right and down ``(n, 3)`` without errors, ``step`` lines off the middle."""
@@ -362,6 +361,19 @@ def _compute_look_tangents(position: np.ndarray, target: np.ndarray, heading: np
 def _compute_across(vector: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Return the part of a vector at right angles to a unit vector."""
     return np.asarray(vector - (vector @ normal) * normal)
+
+
+def make_rotation_matrices(angles_rad: np.ndarray) -> np.ndarray:
+    """Return ``Rx(roll) Ry(pitch) Rz(yaw)``, ``(n, 3, 3)``, of ``(n, 3)`` angles; SciPy's rotations refuse n = 0."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angles_rad).T, np.cos(angles_rad).T
+    return np.stack(
+        [
+            np.stack([cp * cy, -cp * sy, sp], axis=1),
+            np.stack([cr * sy + sr * sp * cy, cr * cy - sr * sp * sy, -sr * cp], axis=1),
+            np.stack([sr * sy - cr * sp * cy, sr * cy + cr * sp * sy, cr * cp], axis=1),
+        ],
+        axis=1,
+    )
 
 
 def _normalise(vectors: np.ndarray) -> np.ndarray:
