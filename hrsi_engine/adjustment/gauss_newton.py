@@ -13,13 +13,20 @@ import numpy as np
 
 from ..foundation.levenberg_marquardt import Step, descend
 from ..foundation.progress import Progress, advance, silent
-from ..foundation.thresholds import ITERATIONS
+from ..foundation.thresholds import ITERATIONS, threshold, thresholds
 from ..ground.geodesy import move_ground
 from .equations import CameraSystem, NormalEquations, Normals, Pattern, PointPriors, State
 from .priors.common_drift import CommonDrift
 from .priors.earlier_cameras import JointPrior
 from .result import Iteration
 from .weights import WEIGHTS, least_squares
+
+
+@thresholds
+class CONVERGENCE:
+    """Decrease of the cost at which iterations before the final one end."""
+
+    robust: float = threshold(1e-4, "", "relative decrease with robust weights: later changes move blunders only")
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +146,7 @@ class GaussNewton:
     ) -> Solution:
         """Iterate from the solution that ``begin`` makes: a function, so that no reference keeps old equations."""
         robustly, tolerance = WEIGHTS[robust or self.robust], self.tolerance if tolerance is None else tolerance
-        # with robust weights, later changes move blunders only
-        tolerance = max(tolerance, ITERATIONS.fine) if robustly is not least_squares else tolerance
+        tolerance = max(tolerance, CONVERGENCE.robust) if robustly is not least_squares else tolerance
         first = len(self.history)
 
         def step(at: Solution, damping: float) -> Step[Solution]:

@@ -16,7 +16,7 @@ import numpy as np
 from ...foundation.errors import list_ids
 from ...foundation.large_arrays import any_of_rows, finite_rows
 from ...foundation.progress import Progress, stage
-from ...foundation.thresholds import ITERATIONS, REDUNDANCY, SIGNIFICANCE
+from ...foundation.thresholds import ITERATIONS, REDUNDANCY, SIGNIFICANCE, threshold, thresholds
 from ..equations import PointPriors, State
 from ..gauss_newton import GaussNewton, Solution, Weighting
 from ..outcome.assembly import RoundFindings
@@ -26,6 +26,13 @@ from ..starting_values.consensus import find_agreeing_measurements
 from .control import Suspect, find_suspect_gcps
 from .discrepancies import IMAGE, Discrepancies, compute_discrepancies
 from .ties import check_ties, compute_point_squares, estimate_tie_variance
+
+
+@thresholds
+class SNOOPING:
+    """Limit for the rounds of data snooping."""
+
+    rare: float = threshold(2e-4, "", "share of changed decisions on measurements below which the rounds end")
 
 
 class Snooping:
@@ -123,7 +130,7 @@ class Snooping:
         decision = np.where(judged, decision, self.found.decision)
         changed = int((decision != self.found.decision).sum())
         self.found.decision, self.found.failed = decision, np.where(judged, failed, previous)
-        return changed > ITERATIONS.fine * len(decision)
+        return changed > SNOOPING.rare * len(decision)
 
     def estimate_tie_variance_by_rays(self, solution: Solution, present: Weighting) -> tuple[np.ndarray, float]:
         """Set the variance factor of tie points; return their sums of squares ``(m,)`` and its degrees of freedom.
