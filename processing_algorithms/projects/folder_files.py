@@ -164,10 +164,10 @@ def _judge_raster(content: FolderContent, path: str, region: np.ndarray) -> File
         content.heights.append(heights)
         size += f" ({heights.crs}, by the place of the images)" if heights.crs else ""
         return FileRole(path, "DSM" if heights.is_dsm else "DEM", size)
-    source = (dataset := open_dataset(path)[0]) and dataset.GetMetadataItem("HRSI_SOURCE")
-    if source in {os.path.basename(image.path) for image in content.images}:
-        return FileRole(path, "orthoimage of HRSI", f"not used: made from {source}, it is no control for it")
     if facts.kind is RasterKind.PICTURE:
+        source = (dataset := open_dataset(path)[0]) and dataset.GetMetadataItem("HRSI_SOURCE")
+        if any(source == os.path.basename(image.path) for image in content.images):
+            return FileRole(path, "orthoimage of HRSI", f"not used: made from {source}, it is no control for it")
         content.references.append(path)
         return FileRole(path, "reference orthoimage", f"{facts.bands} bands, {size}")
     unused = {
